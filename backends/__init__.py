@@ -1,0 +1,1 @@
+"""Back ends: from cones in the car frame to a pose and a cone map."""

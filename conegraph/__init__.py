@@ -1,0 +1,1 @@
+"""Cone SLAM for Formula Student Driverless: front end, back ends, judge."""

@@ -1,0 +1,1 @@
+"""Sources and file formats: readers and writers, one format a file."""

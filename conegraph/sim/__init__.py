@@ -1,0 +1,1 @@
+"""The simulator: the world that estimates are judged against."""

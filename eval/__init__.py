@@ -1,0 +1,1 @@
+"""The judge: what a run wrote down, against the truth."""

@@ -1,0 +1,1 @@
+"""Front end: from pixels to cones in the car frame."""
