@@ -232,7 +232,8 @@ class ConeMap:
     @property
     def cone_class(self) -> IntArray:
         """(N,) the most probable `ConeClass` of each cone."""
-        return np.argmax(self.class_prob, axis=1).astype(np.int64)
+        best: IntArray = self.class_prob.argmax(axis=1).astype(np.int64)
+        return best
 
     @staticmethod
     def empty() -> ConeMap:
