@@ -1,0 +1,41 @@
+"""Configuration: TOML in, frozen validated values out."""
+
+from conegraph.config.loading import (
+    config_to_toml,
+    load_config,
+    parse_override,
+    resolve_config,
+)
+from conegraph.config.models import (
+    AssociationConfig,
+    BackendConfig,
+    Config,
+    EkfConfig,
+    GateConfig,
+    Isam2Config,
+    LandmarkConfig,
+    MotionConfig,
+    SensorConfig,
+    StartLineConfig,
+    StatusConfig,
+    ViewerConfig,
+)
+
+__all__ = [
+    "AssociationConfig",
+    "BackendConfig",
+    "Config",
+    "EkfConfig",
+    "GateConfig",
+    "Isam2Config",
+    "LandmarkConfig",
+    "MotionConfig",
+    "SensorConfig",
+    "StartLineConfig",
+    "StatusConfig",
+    "ViewerConfig",
+    "config_to_toml",
+    "load_config",
+    "parse_override",
+    "resolve_config",
+]

@@ -1,0 +1,183 @@
+"""From TOML and command-line overrides to a `Config`, and back."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+from pydantic import BaseModel, ValidationError
+
+from conegraph.config.models import Config, EkfConfig, Isam2Config
+from conegraph.errors import ConfigError
+
+Tree = dict[str, Any]
+
+THESIS: Tree = {
+    "backend": {"update_iterations": 1},
+    "association": {
+        "method": "nearest",
+        "gate_d2": 9.0,
+        "no_birth_d2": 9.0,
+        "ambiguity_d2": 0.0,
+        "colour": "same_role",
+    },
+    "motion": {
+        "integration": "euler",
+        "odometry_as_input": False,
+        "gyro_bias_sigma_radps": 0.0,
+        "cone_velocity": True,
+    },
+    "landmarks": {
+        "prune": False,
+        "publish_hits": 1,
+        "publish_log_odds": -1.0,
+        "merge_d2": 0.0,
+    },
+    "start_line": {"forced": True},
+    "sensor": {"noise_at": "measured"},
+}
+"""What the thesis does differently, laid under the user's own keys."""
+
+BACKENDS: dict[str, type[BaseModel]] = {"ekf": EkfConfig, "isam2": Isam2Config}
+
+
+def load_config(
+    path: Path | str | None = None,
+    overrides: Sequence[str] = (),
+    *,
+    backend: str | None = None,
+) -> Config:
+    """Read a TOML file, apply ``KEY=VALUE`` overrides and the chosen back end.
+
+    ``backend`` is a kind, or ``kind/profile``; it drops the keys that only
+    another kind's section has.
+
+    Raises:
+        ConfigError: file, key or value cannot be used; the text names them.
+    """
+    tree = {} if path is None else _read_toml(Path(path))
+    for text in overrides:
+        _assign(tree, *parse_override(text))
+    if backend is not None:
+        _choose_backend(tree, backend)
+    return resolve_config(tree, origin=None if path is None else str(path))
+
+
+def resolve_config(tree: Mapping[str, Any], *, origin: str | None = None) -> Config:
+    """Lay the profile's defaults under the tree and validate the whole.
+
+    Raises:
+        ConfigError: names the first wrong key, its value and the nearest valid key.
+    """
+    section = tree.get("backend", {})
+    profile = section.get("profile") if isinstance(section, Mapping) else None
+    merged = _overlay(THESIS, tree) if profile == "thesis" else dict(tree)
+    if isinstance(merged.get("backend"), dict):
+        merged["backend"].setdefault("kind", "ekf")
+    try:
+        return Config.model_validate(merged)
+    except ValidationError as error:
+        place = "" if origin is None else f"{origin}: "
+        raise ConfigError(place + _explain(error)) from None
+
+
+def config_to_toml(config: Config) -> str:
+    """Write every key with its value, so that the run can be repeated exactly."""
+    return tomli_w.dumps(config.model_dump(mode="json", exclude_none=True))
+
+
+def parse_override(text: str) -> tuple[tuple[str, ...], Any]:
+    """Split ``a.b=value``; the value is TOML, or a bare string.
+
+    Raises:
+        ConfigError: there is no key or no ``=``.
+    """
+    key, equals, value = text.partition("=")
+    parts = tuple(part.strip() for part in key.split("."))
+    if not equals or not all(parts):
+        raise ConfigError(f"--set {text!r}: expected KEY=VALUE, as in backend.kind=ekf")
+    try:
+        return parts, tomllib.loads(f"v = {value}")["v"]
+    except tomllib.TOMLDecodeError:
+        return parts, value.strip()
+
+
+def _read_toml(path: Path) -> Tree:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise ConfigError(f"{path}: no such file") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read ({error})") from None
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{path}: not valid TOML: {error}") from None
+
+
+def _assign(tree: Tree, parts: tuple[str, ...], value: Any) -> None:
+    for depth, part in enumerate(parts[:-1]):
+        tree = tree.setdefault(part, {})
+        if not isinstance(tree, dict):
+            key = ".".join(parts[: depth + 1])
+            raise ConfigError(f"--set {'.'.join(parts)}: {key} is not a section")
+    tree[parts[-1]] = value
+
+
+def _choose_backend(tree: Tree, backend: str) -> None:
+    kind, _, profile = backend.partition("/")
+    if kind not in BACKENDS:
+        raise ConfigError(
+            f"back end {kind!r} does not exist; choose from {', '.join(BACKENDS)}"
+        )
+    section = tree.setdefault("backend", {})
+    if not isinstance(section, dict):
+        raise ConfigError("backend is not a section")
+    foreign = {key for model in BACKENDS.values() for key in model.model_fields}
+    for key in foreign - set(BACKENDS[kind].model_fields):
+        section.pop(key, None)
+    section["kind"] = kind
+    if profile:
+        section["profile"] = profile
+
+
+def _overlay(base: Mapping[str, Any], top: Mapping[str, Any]) -> Tree:
+    merged: Tree = {
+        k: _overlay(v, {}) if isinstance(v, Mapping) else v for k, v in base.items()
+    }
+    for key, value in top.items():
+        below = merged.get(key)
+        if isinstance(value, Mapping):
+            under = below if isinstance(below, Mapping) else {}
+            merged[key] = _overlay(under, value)
+        else:
+            merged[key] = value
+    return merged
+
+
+def _explain(error: ValidationError) -> str:
+    first = error.errors(include_url=False)[0]
+    path = [str(part) for part in first["loc"]]
+    if len(path) > 1 and path[0] == "backend" and path[1] in BACKENDS:
+        kind = path.pop(1)
+    else:
+        kind = "ekf"
+    dotted = ".".join(path)
+    if first["type"] == "extra_forbidden":
+        valid = _valid_keys(path[:-1], kind)
+        near = difflib.get_close_matches(path[-1], valid, n=1, cutoff=0.0)
+        hint = f"; did you mean {'.'.join([*path[:-1], near[0]])}?" if near else ""
+        return f"{dotted}: no such key{hint}"
+    if first["type"].startswith("union_tag"):
+        return f"{dotted}.kind: {first['input']!r} is none of {', '.join(BACKENDS)}"
+    return f"{dotted}: {first['msg']} (got {first['input']!r})"
+
+
+def _valid_keys(path: Sequence[str], kind: str) -> list[str]:
+    model: type[BaseModel] = Config
+    for part in path:
+        default = model.model_fields[part].default
+        model = BACKENDS[kind] if part == "backend" else type(default)
+    return list(model.model_fields)

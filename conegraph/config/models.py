@@ -1,0 +1,247 @@
+"""What can be configured: one frozen model a section, one docstring a key."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Probability = Annotated[float, Field(ge=0, lt=1)]
+Profile = Literal["default", "thesis"]
+Role = Literal["left", "right", "start", "none"]
+
+
+class Section(BaseModel):
+    """A group of keys; unknown keys are errors and values do not change."""
+
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, use_attribute_docstrings=True
+    )
+
+
+class EkfConfig(Section):
+    """The extended Kalman filter over the car and every cone (thesis chapter 4)."""
+
+    kind: Literal["ekf"] = "ekf"
+    """Which back end this section configures."""
+    profile: Profile = "default"
+    """`thesis` is the published method; `default` is the best that we measured."""
+    update_iterations: Annotated[int, Field(ge=1, le=10)] = 2
+    """Linearisations of one joint update; 1 is the plain EKF of the thesis."""
+
+
+class Isam2Config(Section):
+    """The factor graph solved by iSAM2, with a local filter in the frame path."""
+
+    kind: Literal["isam2"] = "isam2"
+    """Which back end this section configures."""
+    profile: Profile = "default"
+    """`thesis` takes the thesis's association and motion model into the graph."""
+    update_iterations: Annotated[int, Field(ge=1, le=10)] = 4
+    """Linearisations of one joint update of the local filter."""
+    update_period_s: NonNegative = 0.3
+    """Time between graph updates; frames in between are tracked and kept."""
+    robust_kernel: Literal["cauchy", "none"] = "cauchy"
+    """Kernel on landmark factors: one wrong match must not bend the map."""
+    robust_width: Positive = 3.0
+    """Where the kernel starts to bend, in sigmas."""
+    snapshot_margin_m: Positive = 10.0
+    """Cones farther than the sensor's range plus this stay out of the local filter."""
+    polish: bool = True
+    """Solve the whole graph to convergence at the end of the run."""
+
+
+BackendConfig = Annotated[EkfConfig | Isam2Config, Field(discriminator="kind")]
+
+
+class AssociationConfig(Section):
+    """Which observation belongs to which cone; shared by all back ends."""
+
+    method: Literal["sequential", "nearest", "known"] = "sequential"
+    """`sequential` conditions each pairing on the ones before it, `nearest` is the
+    thesis's section 4.4.3, `known` trusts the source's true ids."""
+    gate_d2: Positive = 13.8
+    """Largest squared Mahalanobis distance of a match; 13.8 is 0.999 of chi² at 2."""
+    no_birth_d2: Positive = 80.0
+    """No cone is born nearer than this to a known one: it would be a duplicate."""
+    ambiguity_d2: NonNegative = 6.0
+    """A match must beat every rival by this much, or nothing is matched."""
+    colour: Literal["soft", "same_role"] = "soft"
+    """`soft` lets colour tip the scales, `same_role` forbids other roles (thesis)."""
+    colour_weight: NonNegative = 0.5
+    """Weight of the colours' log-likelihood ratio beside the distance, for `soft`."""
+
+
+class MotionConfig(Section):
+    """How the car moves between frames; shared by all back ends."""
+
+    integration: Literal["midpoint", "euler"] = "midpoint"
+    """`euler` is the thesis's section 4.3."""
+    accel_sigma_mps2: Positive = 6.0
+    """Forward acceleration that the car may have, as process noise."""
+    yaw_accel_sigma_radps2: Positive = 4.0
+    """Yaw acceleration that the car may have, as process noise."""
+    slip_sigma_m_per_sqrt_m: NonNegative = 0.002
+    """Sideways random walk of the wheels' path, per square root of metre driven."""
+    use_odometry: bool = True
+    """Whether velocities from outside (wheels, gyro) drive the prediction."""
+    odometry_as_input: bool = True
+    """Integrate odometry between frames; False corrects the state with each sample
+    (thesis section 4.4.2)."""
+    odometry_hold_s: Positive = 0.5
+    """How long the last odometry sample is trusted when no newer one comes."""
+    gyro_bias_sigma_radps: NonNegative = 0.01
+    """Prior on the constant bias of odometry's yaw rate; 0 leaves it out."""
+    cone_velocity: bool = False
+    """Also measure the velocity from cones matched in two frames (section 4.4.2)."""
+    max_step_s: Positive = 1.0
+    """Longest step that the prediction takes without odometry; beyond it the car
+    is taken to have stopped being predictable."""
+
+
+class LandmarkConfig(Section):
+    """Birth, confirmation and death of cones in the map."""
+
+    prune: bool = True
+    """Delete cones that should have been seen again and were not."""
+    hit_log_odds: Positive = 1.5
+    """Evidence for a cone's existence from one match."""
+    max_log_odds: Positive = 8.0
+    """Cap, so that a removed cone is forgotten within seconds."""
+    delete_log_odds: float = -4.0
+    """Below this a cone is deleted."""
+    young_delete_log_odds: float = -1.5
+    """The same for a cone with fewer than `publish_hits` matches."""
+    assumed_detection_probability: Probability = 0.6
+    """Chance of seeing a cone well inside the view, where the sensor gives none."""
+    view_share: Annotated[float, Field(gt=0, le=1)] = 0.75
+    """Share of the sensor's range in which a missing sighting counts."""
+    publish_hits: Annotated[int, Field(ge=1)] = 3
+    """Sightings before a cone appears in the map."""
+    publish_log_odds: float = 3.0
+    """Evidence before a cone appears in the map."""
+    merge_d2: NonNegative = 9.0
+    """Two cones never seen together and nearer than this are one; 0 never merges."""
+
+
+class StartLineConfig(Section):
+    """Recognising the start line, counting laps and closing the loop."""
+
+    min_lap_m: Positive = 30.0
+    """Nothing shorter is a lap."""
+    half_width_m: Positive = 6.0
+    """How far beside the gate's middle a crossing still counts."""
+    min_closure_m: Positive = 40.0
+    """Distance to drive before the start cones may close a loop."""
+    closure_d2: Positive = 25.0
+    """Gate on the joint innovation of the start cones, per cone."""
+    min_agreement: Annotated[float, Field(ge=0, le=1)] = 0.5
+    """Share of the frame's cones that must fit the map once the loop is closed."""
+    forced: bool = False
+    """Match the two start cones by side alone, unchecked (thesis section 4.4.5)."""
+
+
+class SensorConfig(Section):
+    """The cone sensor; a key left out is taken from the source, or guessed."""
+
+    range_sigma_m: tuple[NonNegative, NonNegative, NonNegative] | None = None
+    """Coefficients c0, c1, c2 of the range sigma c0 + c1 r + c2 r²."""
+    bearing_sigma_rad: Positive | None = None
+    """Sigma of the bearing."""
+    floor_m: NonNegative | None = None
+    """Isotropic position error on top."""
+    max_range_m: Positive | None = None
+    """Farthest range at which cones are used."""
+    half_fov_rad: Positive | None = None
+    """Half the horizontal field of view."""
+    detection_probability: Probability | None = None
+    """Chance of seeing a cone well inside the view; 0 turns pruning off."""
+    noise_at: Literal["predicted", "measured"] = "predicted"
+    """Range at which sigma is evaluated; `measured` shrinks maps (thesis)."""
+    scale: Positive = 1.0
+    """Factor on every reported sigma."""
+
+
+class GateConfig(Section):
+    """What is let into a back end; everything else is counted and dropped."""
+
+    min_range_m: NonNegative = 0.1
+    """Nearer cones are rejected."""
+    max_range_m: Positive = 100.0
+    """Farther cones are rejected."""
+    min_sigma_m: Positive = 1e-4
+    """Smaller sigmas are rejected as impossible."""
+    max_sigma_m: Positive = 1e3
+    """Larger sigmas are rejected as saying nothing."""
+    max_speed_mps: Positive = 60.0
+    """Faster odometry is rejected."""
+    max_yaw_rate_radps: Positive = 20.0
+    """Faster turning is rejected."""
+    max_cones: Annotated[int, Field(ge=1)] = 500
+    """Further cones of one frame are rejected."""
+
+
+class StatusConfig(Section):
+    """When the estimate counts as degraded or lost."""
+
+    degraded_after_s: Positive = 0.5
+    """Time without a matched cone."""
+    lost_after_s: Positive = 2.0
+    """Time without a matched cone while no odometry comes either."""
+    min_matched_share: Annotated[float, Field(ge=0, le=1)] = 0.5
+    """Share of recent cones that must match for the status to be OK."""
+    init_frames: Annotated[int, Field(ge=0)] = 3
+    """Frames with matched cones before the status is OK."""
+
+
+class ViewerConfig(Section):
+    """What is sent to the Rerun viewer."""
+
+    map_period_s: NonNegative = 0.5
+    """Time between full maps with their covariances."""
+
+
+class Roles(Section):
+    """What each cone class means on the track (thesis section 4.1)."""
+
+    blue: Role = "left"
+    """Role of blue cones."""
+    yellow: Role = "right"
+    """Role of yellow cones."""
+    orange: Role = "start"
+    """Role of small orange cones."""
+    big_orange: Role = "start"
+    """Role of big orange cones."""
+    unknown: Role = "none"
+    """Role of cones without a known class."""
+
+
+class Config(Section):
+    """The whole configuration of a run."""
+
+    source: str = ""
+    """The SOURCE that the run read; used when the command line gives none."""
+    seed: Annotated[int, Field(ge=0)] = 0
+    """Seed of everything random in a run (simulated sources)."""
+    backend: BackendConfig = EkfConfig()
+    """The estimator."""
+    association: AssociationConfig = AssociationConfig()
+    """Data association."""
+    motion: MotionConfig = MotionConfig()
+    """Motion model and odometry."""
+    landmarks: LandmarkConfig = LandmarkConfig()
+    """Life of cones."""
+    start_line: StartLineConfig = StartLineConfig()
+    """Start line and laps."""
+    sensor: SensorConfig = SensorConfig()
+    """Cone sensor."""
+    gate: GateConfig = GateConfig()
+    """Validation of the stream."""
+    status: StatusConfig = StatusConfig()
+    """Health of the estimate."""
+    viewer: ViewerConfig = ViewerConfig()
+    """Rerun."""
+    roles: Roles = Roles()
+    """Cone classes and their meaning."""
