@@ -339,6 +339,31 @@ class SensorModel:
     def __post_init__(self) -> None:
         _shaped(self, "range_sigma_m", self.range_sigma_m, (3,))
 
+    def covariance(self, xy_m: Array) -> Array:
+        """Return the covariance (N, 2, 2) of cones at (N, 2) in the car frame.
+
+        With e the direction to the cone, n its normal and r the range::
+
+            R = (c0 + c1 r + c2 r^2)^2 e e^T + (r sigma_b)^2 n n^T + floor^2 I
+
+        Evaluated at the *predicted* position it is free of the pull that the noise
+        of a measured range has on its own weight. At r = 0, e is taken as forward.
+        """
+        x, y = np.asarray(xy_m, dtype=np.float64).reshape(-1, 2).T
+        r = np.hypot(x, y)
+        far = r > 0
+        c = np.where(far, x, 1.0) / np.where(far, r, 1.0)
+        s = np.where(far, y, 0.0) / np.where(far, r, 1.0)
+        c0, c1, c2 = self.range_sigma_m
+        along = (c0 + r * (c1 + r * c2)) ** 2
+        across = (r * self.bearing_sigma_rad) ** 2
+        floor = self.floor_m**2
+        R = np.empty((len(r), 2, 2))
+        R[:, 0, 0] = c * c * along + s * s * across + floor
+        R[:, 1, 1] = s * s * along + c * c * across + floor
+        R[:, 0, 1] = R[:, 1, 0] = c * s * (along - across)
+        return R
+
 
 class Source(Protocol):
     """Anything that yields events in order, with whatever truth it has."""
