@@ -10,10 +10,14 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+_ABOVE_MINUS_PI = np.nextafter(-np.pi, 0.0)
+
 
 def wrap_angle(angle_rad: Array | float) -> Array:
     """Return the angle(s) in (-pi, pi], same shape as given."""
-    return np.pi - np.mod(np.pi - np.asarray(angle_rad, dtype=np.float64), 2 * np.pi)
+    turned = np.mod(np.pi - np.asarray(angle_rad, dtype=np.float64), 2 * np.pi)
+    # The remainder rounds up to a whole turn for the float just above pi.
+    return np.maximum(np.pi - turned, _ABOVE_MINUS_PI)
 
 
 def rotation(yaw_rad: Array | float) -> Array:

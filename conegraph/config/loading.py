@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import difflib
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import tomli_w
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
-from conegraph.config.models import Config, EkfConfig, Isam2Config
+from conegraph.config.explain import explain
+from conegraph.config.models import BACKENDS, Config
 from conegraph.errors import ConfigError
 
 Tree = dict[str, Any]
@@ -41,8 +41,6 @@ THESIS: Tree = {
     "sensor": {"noise_at": "measured"},
 }
 """What the thesis does differently, laid under the user's own keys."""
-
-BACKENDS: dict[str, type[BaseModel]] = {"ekf": EkfConfig, "isam2": Isam2Config}
 
 
 def load_config(
@@ -75,14 +73,14 @@ def resolve_config(tree: Mapping[str, Any], *, origin: str | None = None) -> Con
     """
     section = tree.get("backend", {})
     profile = section.get("profile") if isinstance(section, Mapping) else None
-    merged = _overlay(THESIS, tree) if profile == "thesis" else dict(tree)
+    merged = _overlay(THESIS if profile == "thesis" else {}, tree)
     if isinstance(merged.get("backend"), dict):
         merged["backend"].setdefault("kind", "ekf")
     try:
         return Config.model_validate(merged)
     except ValidationError as error:
         place = "" if origin is None else f"{origin}: "
-        raise ConfigError(place + _explain(error)) from None
+        raise ConfigError(place + explain(error)) from None
 
 
 def config_to_toml(config: Config) -> str:
@@ -101,9 +99,10 @@ def parse_override(text: str) -> tuple[tuple[str, ...], Any]:
     if not equals or not all(parts):
         raise ConfigError(f"--set {text!r}: expected KEY=VALUE, as in backend.kind=ekf")
     try:
-        return parts, tomllib.loads(f"v = {value}")["v"]
+        read = tomllib.loads(f"v = {value}")
     except tomllib.TOMLDecodeError:
         return parts, value.strip()
+    return parts, read["v"] if len(read) == 1 else value
 
 
 def _read_toml(path: Path) -> Tree:
@@ -155,29 +154,3 @@ def _overlay(base: Mapping[str, Any], top: Mapping[str, Any]) -> Tree:
         else:
             merged[key] = value
     return merged
-
-
-def _explain(error: ValidationError) -> str:
-    first = error.errors(include_url=False)[0]
-    path = [str(part) for part in first["loc"]]
-    if len(path) > 1 and path[0] == "backend" and path[1] in BACKENDS:
-        kind = path.pop(1)
-    else:
-        kind = "ekf"
-    dotted = ".".join(path)
-    if first["type"] == "extra_forbidden":
-        valid = _valid_keys(path[:-1], kind)
-        near = difflib.get_close_matches(path[-1], valid, n=1, cutoff=0.0)
-        hint = f"; did you mean {'.'.join([*path[:-1], near[0]])}?" if near else ""
-        return f"{dotted}: no such key{hint}"
-    if first["type"].startswith("union_tag"):
-        return f"{dotted}.kind: {first['input']!r} is none of {', '.join(BACKENDS)}"
-    return f"{dotted}: {first['msg']} (got {first['input']!r})"
-
-
-def _valid_keys(path: Sequence[str], kind: str) -> list[str]:
-    model: type[BaseModel] = Config
-    for part in path:
-        default = model.model_fields[part].default
-        model = BACKENDS[kind] if part == "backend" else type(default)
-    return list(model.model_fields)

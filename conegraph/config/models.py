@@ -9,15 +9,22 @@ from pydantic import BaseModel, ConfigDict, Field
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Probability = Annotated[float, Field(ge=0, lt=1)]
+Coefficients = Annotated[
+    tuple[NonNegative, NonNegative, NonNegative], Field(strict=False)
+]
 Profile = Literal["default", "thesis"]
 Role = Literal["left", "right", "start", "none"]
 
 
 class Section(BaseModel):
-    """A group of keys; unknown keys are errors and values do not change."""
+    """A group of keys; unknown keys and wrong types are errors, values are frozen."""
 
     model_config = ConfigDict(
-        extra="forbid", frozen=True, use_attribute_docstrings=True
+        extra="forbid",
+        frozen=True,
+        strict=True,
+        allow_inf_nan=False,
+        use_attribute_docstrings=True,
     )
 
 
@@ -54,6 +61,7 @@ class Isam2Config(Section):
 
 
 BackendConfig = Annotated[EkfConfig | Isam2Config, Field(discriminator="kind")]
+BACKENDS: dict[str, type[Section]] = {"ekf": EkfConfig, "isam2": Isam2Config}
 
 
 class AssociationConfig(Section):
@@ -146,7 +154,7 @@ class StartLineConfig(Section):
 class SensorConfig(Section):
     """The cone sensor; a key left out is taken from the source, or guessed."""
 
-    range_sigma_m: tuple[NonNegative, NonNegative, NonNegative] | None = None
+    range_sigma_m: Coefficients | None = None
     """Coefficients c0, c1, c2 of the range sigma c0 + c1 r + c2 r²."""
     bearing_sigma_rad: Positive | None = None
     """Sigma of the bearing."""

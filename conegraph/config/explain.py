@@ -1,0 +1,87 @@
+"""From a validation error to one sentence that says what to mend."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from difflib import SequenceMatcher
+
+from pydantic import ValidationError
+
+from conegraph.config.models import BACKENDS, Config, Section
+
+_SECTION_WEIGHT = 0.25
+_SHOWN = 80
+
+
+def explain(error: ValidationError) -> str:
+    """Return the first problem as ``dotted.key: what is wrong``.
+
+    An unknown key comes with the nearest valid key of the whole schema, and a key
+    that another back end has is named as that one's.
+    """
+    first = error.errors(include_url=False)[0]
+    path = [str(part) for part in first["loc"]]
+    # Pydantic puts the union's tag into the path; no file has it there.
+    tagged = path[0] == "backend" and len(path) > 1 and path[1] in BACKENDS
+    kind = path.pop(1) if tagged else None
+    value = first["input"]
+    if first["type"] == "extra_forbidden":
+        return _explain_unknown_key(path, value, kind)
+    if first["type"] == "union_tag_invalid":
+        found = value["kind"]
+        return f"backend.kind: {found!r} is none of {', '.join(BACKENDS)}"
+    dotted = ".".join(path)
+    if first["type"].startswith("model_") or dotted == "backend":
+        return f"{dotted} is a section of keys, not a value (got {_short(value)})"
+    return f"{dotted}: {first['msg']} (got {_short(value)})"
+
+
+def key_paths() -> dict[str, str]:
+    """Return every valid dotted key with the sentence that describes it."""
+    return dict(_walk(Config, ""))
+
+
+def nearest_key(dotted: str) -> str:
+    """Return the valid dotted key most like the given one.
+
+    The last part of the key decides; a likeness of the sections breaks ties, so a
+    key filed under the wrong section is found where it belongs.
+    """
+    section, _, name = dotted.rpartition(".")
+
+    def likeness(key: str) -> float:
+        key_section, _, key_name = key.rpartition(".")
+        names = SequenceMatcher(None, name, key_name).ratio()
+        sections = SequenceMatcher(None, section, key_section).ratio()
+        return names + _SECTION_WEIGHT * sections
+
+    return max(key_paths(), key=likeness)
+
+
+def _explain_unknown_key(path: list[str], value: object, kind: str | None) -> str:
+    while isinstance(value, Mapping) and value:
+        key, value = next(iter(value.items()))
+        path = [*path, str(key)]
+    dotted = ".".join(path)
+    if kind is not None and len(path) == 2:
+        owners = [k for k, model in BACKENDS.items() if path[1] in model.model_fields]
+        if owners:
+            return f"{dotted} belongs to {', '.join(owners)}, not to {kind}"
+    return f"{dotted}: no such key; did you mean {nearest_key(dotted)}?"
+
+
+def _walk(model: type[Section], prefix: str) -> Iterator[tuple[str, str]]:
+    for name, field in model.model_fields.items():
+        key = f"{prefix}{name}"
+        if name == "backend" and not prefix:
+            for section in BACKENDS.values():
+                yield from _walk(section, f"{key}.")
+        elif isinstance(field.default, Section):
+            yield from _walk(type(field.default), f"{key}.")
+        else:
+            yield key, field.description or ""
+
+
+def _short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= _SHOWN else f"{text[: _SHOWN - 1]}…"
