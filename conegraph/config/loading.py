@@ -29,6 +29,7 @@ THESIS: Tree = {
         "integration": "euler",
         "odometry_as_input": False,
         "gyro_bias_sigma_radps": 0.0,
+        "start_speed_sigma_mps": 0.0,
         "cone_velocity": True,
     },
     "landmarks": {

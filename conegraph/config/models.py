@@ -72,7 +72,7 @@ class AssociationConfig(Section):
     thesis's section 4.4.3, `known` trusts the source's true ids."""
     gate_d2: Positive = 13.8
     """Largest squared Mahalanobis distance of a match; 13.8 is 0.999 of chi² at 2."""
-    no_birth_d2: Positive = 80.0
+    no_birth_d2: Positive = 25.0
     """No cone is born nearer than this to a known one: it would be a duplicate."""
     ambiguity_d2: NonNegative = 6.0
     """A match must beat every rival by this much, or nothing is matched."""
@@ -98,10 +98,13 @@ class MotionConfig(Section):
     odometry_as_input: bool = True
     """Integrate odometry between frames; False corrects the state with each sample
     (thesis section 4.4.2)."""
-    odometry_hold_s: Positive = 0.5
-    """How long the last odometry sample is trusted when no newer one comes."""
+    odometry_hold_s: Positive = 1.1
+    """How long the last odometry sample is trusted when no newer one comes; real
+    logs have gaps of a second."""
     gyro_bias_sigma_radps: NonNegative = 0.01
     """Prior on the constant bias of odometry's yaw rate; 0 leaves it out."""
+    start_speed_sigma_mps: NonNegative = 2.0
+    """Doubt about standing still at the first frame; the thesis has none."""
     cone_velocity: bool = False
     """Also measure the velocity from cones matched in two frames (section 4.4.2)."""
     max_step_s: Positive = 1.0

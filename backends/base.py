@@ -1,0 +1,88 @@
+"""What every back end offers, and what one frame yields."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+from conegraph.types import (
+    Associations,
+    ConeMap,
+    ConeObservations,
+    Estimate,
+    Lap,
+    LoopClosure,
+    Trajectory,
+    VelocityObservation,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class FrameEvents:
+    """What happened in the last frame beside the estimate.
+
+    Attributes:
+        closures: loop closures tried.
+        laps: laps completed.
+        reason: why the status is what it is.
+        stage_ms: time spent by stage.
+    """
+
+    closures: tuple[LoopClosure, ...] = ()
+    laps: tuple[Lap, ...] = ()
+    reason: str = ""
+    stage_ms: Mapping[str, float] | None = None
+
+
+class Backend(Protocol):
+    """An estimator of the car's pose and the cone map.
+
+    Events come in the order in which they reach the computer. Velocities are kept
+    and applied in the order of their stamps when the next frame comes, so that a
+    frame that arrives late is still applied at its own stamp; `estimate` looks
+    ahead over velocities that are newer than the last frame.
+    """
+
+    def predict(self, stamp_s: float) -> None:
+        """Ask for estimates at this stamp from now on; never moves back."""
+        ...
+
+    def observe_velocity(self, sample: VelocityObservation) -> None:
+        """Take a velocity; bad ones are counted and dropped."""
+        ...
+
+    def observe_cones(self, frame: ConeObservations) -> Associations | None:
+        """Take a frame of cones; None if it was stale and dropped.
+
+        The rows of the result are those of `last_frame`, the frame as it passed
+        the gate.
+        """
+        ...
+
+    @property
+    def last_frame(self) -> ConeObservations:
+        """The last accepted frame, without the rows that the gate rejected."""
+        ...
+
+    @property
+    def last_events(self) -> FrameEvents:
+        """What happened in the last accepted frame."""
+        ...
+
+    @property
+    def rejected(self) -> Mapping[str, int]:
+        """Inputs that the gate rejected, counted by reason."""
+        ...
+
+    def estimate(self) -> Estimate:
+        """Return the causal estimate at the last predicted or observed stamp."""
+        ...
+
+    def cone_map(self) -> ConeMap:
+        """Return the confirmed cones."""
+        ...
+
+    def finish(self) -> Trajectory | None:
+        """Settle everything; return the smoothed path if there is one."""
+        ...

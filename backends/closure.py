@@ -1,0 +1,159 @@
+"""Watching for the start line: when a loop closes, and on what grounds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from conegraph.backends.local_map import LocalMap
+from conegraph.backends.pairing import ROLE_INDEX, FramePairer, Pairs
+from conegraph.backends.start_line import GateMatch, match_gate, sides
+from conegraph.config import StartLineConfig
+from conegraph.types import ConeObservations, IntArray, LoopClosure
+
+REVISITED = 3
+"""Cones not seen for `min_closure_m` that must match together to close a loop."""
+
+RETRY_M = 2.0
+"""Distance between refused closures that are reported."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClosureResult:
+    """What the watch found in one frame.
+
+    Attributes:
+        events: closures to report.
+        match: start cones that must correct the filter before all else, if any.
+    """
+
+    events: tuple[LoopClosure, ...] = ()
+    match: GateMatch | None = None
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the frame closes a loop."""
+        return any(event.accepted for event in self.events)
+
+
+class ClosureWatch:
+    """Decides in each frame whether the car has come back to the start.
+
+    Mostly the drift over a lap is small and the cones of the start match like any
+    others; that closes the loop. When the drift is too large for that, the start
+    cones themselves are tried (thesis section 4.4.5), and trusted only if
+
+    - the car has driven far enough,
+    - two of them lie as far apart as two of the map's,
+    - no other pose on the whole map explains as many of the frame's cones,
+    - at least `min_agreement` of all cones then lie on the map,
+    - and the innovation is possible under the filter's own covariance.
+    """
+
+    def __init__(self, config: StartLineConfig, pairer: FramePairer) -> None:
+        """Start with no closure seen."""
+        self._config = config
+        self._pairer = pairer
+        self._closed_m = 0.0
+        self._refused_m = -np.inf
+
+    def check(
+        self, map_: LocalMap, frame: ConeObservations, pairs: Pairs, driven_m: float
+    ) -> ClosureResult:
+        """Look at a frame and its ordinary pairing; `driven_m` is the odometer."""
+        if driven_m - self._closed_m < self._config.min_closure_m:
+            return ClosureResult()
+        row = map_.row[pairs.slot[pairs.matched]]
+        away_m = driven_m - map_.book.last_seen_m[row]
+        old = row[away_m > self._config.min_closure_m]
+        old = old[map_.book.published[old]]
+        if len(old) >= REVISITED:
+            gone_m = driven_m - self._closed_m
+            self._closed_m = driven_m
+            reason = f"{len(old)} cones of the last visit match"
+            return ClosureResult((LoopClosure(frame.stamp_s, gone_m, True, reason),))
+        start = np.flatnonzero(
+            self._pairer.roles(frame.class_prob) == ROLE_INDEX["start"]
+        ).astype(np.int64)
+        if len(start) < 2 or pairs.matched.sum() > 0.5 * len(frame):
+            return ClosureResult()
+        return self._try_gate(map_, frame, start, driven_m)
+
+    def _try_gate(
+        self,
+        map_: LocalMap,
+        frame: ConeObservations,
+        start: IntArray,
+        driven_m: float,
+    ) -> ClosureResult:
+        book = map_.book
+        known = book.published[map_.row]
+        away = driven_m - book.last_seen_m[map_.row] > self._config.min_closure_m
+        role = self._pairer.roles(book.class_prob[map_.row])
+        candidates = np.flatnonzero(known & away & (role == ROLE_INDEX["start"]))
+        if len(candidates) < 2:
+            return ClosureResult()
+        mapped = map_.filter.landmarks_m[known]
+        place = np.cumsum(known) - 1
+        found = match_gate(frame.xy_m, start, mapped, place[candidates])
+        if not isinstance(found, str):
+            slot = np.flatnonzero(known)[found.slot].astype(np.int64)
+            found = GateMatch(found.row, slot, found.pose, found.agreement)
+            reason = self._doubt(map_, frame, found)
+            if not reason:
+                gone_m = driven_m - self._closed_m
+                self._closed_m = driven_m
+                reason = (
+                    f"{len(found.row)} start cones, "
+                    f"{100 * found.agreement:.0f} % of the frame agrees"
+                )
+                event = LoopClosure(frame.stamp_s, gone_m, True, reason)
+                return ClosureResult((event,), found)
+            found = reason
+        if driven_m - self._refused_m < RETRY_M:
+            return ClosureResult()
+        self._refused_m = driven_m
+        gone_m = driven_m - self._closed_m
+        return ClosureResult((LoopClosure(frame.stamp_s, gone_m, False, found),))
+
+    def _doubt(self, map_: LocalMap, frame: ConeObservations, match: GateMatch) -> str:
+        """Return why a match is not trusted, empty if it is."""
+        if match.agreement < self._config.min_agreement:
+            return f"only {100 * match.agreement:.0f} % of the frame agrees"
+        seen = map_.filter.innovation(
+            match.slot, frame.xy_m[match.row], frame.cov_m2[match.row], None
+        )
+        if not seen.nis <= self._config.closure_d2 * len(match.row):
+            return f"innovation d2 {seen.nis:.0f} is impossible for this drift"
+        return ""
+
+
+def forced_start_pairs(
+    pairer: FramePairer, map_: LocalMap, frame: ConeObservations, pairs: Pairs
+) -> Pairs:
+    """Match the two start cones by side, whatever the distance (section 4.4.5).
+
+    The nearest start cone left and right of the car is given to the start cone of
+    the map on the same side of the start frame that is predicted nearest.
+    """
+    role = ROLE_INDEX["start"]
+    seen = np.flatnonzero(pairer.roles(frame.class_prob) == role)
+    book = map_.book
+    mapped = np.flatnonzero(pairer.roles(book.class_prob[map_.row]) == role)
+    if len(seen) < 2 or len(mapped) < 2:
+        return pairs
+    predicted = map_.filter.cones_in_car_frame()[mapped]
+    world = map_.filter.landmarks_m[mapped]
+    row, slot = [], []
+    for here, there in zip(sides(frame.xy_m[seen]), sides(world), strict=True):
+        if len(here) == 0 or len(there) == 0:
+            return pairs
+        gap = np.linalg.norm(predicted[there] - frame.xy_m[seen[here[0]]], axis=1)
+        row.append(int(seen[here[0]]))
+        slot.append(int(mapped[there[gap.argmin()]]))
+    slots, update, birth = pairs.slot.copy(), pairs.update.copy(), pairs.birth.copy()
+    slots[row], update[row], birth[row] = slot, True, False
+    return Pairs(
+        slots, pairs.d2, birth, pairs.ambiguous, update, pairs.visible, pairs.n_known
+    )

@@ -1,0 +1,92 @@
+"""The one gate in front of every back end: only sane data pass, the rest is counted.
+
+gtsam takes NaN ranges silently and raises later, or leaves its solver unusable;
+so nothing that is not finite, positive definite, in range and in order gets by.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conegraph.config import GateConfig
+from conegraph.types import ConeObservations, VelocityObservation
+
+
+class InputGate:
+    """Checks events in the order in which they arrive."""
+
+    def __init__(self, config: GateConfig) -> None:
+        """Start with nothing seen."""
+        self._config = config
+        self._last_cones_s = -np.inf
+        self._last_velocity_s = -np.inf
+        self.rejected: Counter[str] = Counter()
+
+    def cones(self, frame: ConeObservations) -> ConeObservations | None:
+        """Return the frame with its sane cones, or None for a stale frame.
+
+        The comparisons are written so that NaN fails them.
+        """
+        c = self._config
+        if not np.isfinite(frame.stamp_s):
+            self.rejected["frame: stamp is not a number"] += 1
+            return None
+        if not frame.stamp_s > self._last_cones_s:
+            self.rejected["frame: stamp does not increase"] += 1
+            return None
+        self._last_cones_s = frame.stamp_s
+        xy, cov = frame.xy_m, frame.cov_m2
+        with np.errstate(invalid="ignore", over="ignore"):
+            range_m = np.hypot(xy[:, 0], xy[:, 1])
+            trace = cov[:, 0, 0] + cov[:, 1, 1]
+            det = cov[:, 0, 0] * cov[:, 1, 1] - cov[:, 0, 1] ** 2
+            root = np.sqrt(np.maximum((0.5 * trace) ** 2 - det, 0.0))
+            least = det / (0.5 * trace + root)
+            symmetric = np.abs(cov[:, 0, 1] - cov[:, 1, 0]) <= 1e-9 + 1e-6 * trace
+            sigma_ok = (least >= c.min_sigma_m**2) & (trace <= 2 * c.max_sigma_m**2)
+            prob = frame.class_prob
+            prob_ok = (prob >= 0).all(axis=1) & (prob.sum(axis=1) > 1e-6)
+            checks: list[tuple[str, NDArray[np.bool_]]] = [
+                ("cone: position is not a number", np.isfinite(range_m)),
+                ("cone: too near", ~(range_m < c.min_range_m)),
+                ("cone: too far", ~(range_m > c.max_range_m)),
+                ("cone: covariance unusable", sigma_ok & symmetric),
+                ("cone: class probabilities unusable", prob_ok),
+                ("cone: too many in one frame", np.arange(len(xy)) < c.max_cones),
+            ]
+        return frame.subset(self._count(checks, len(xy)))
+
+    def _count(
+        self, checks: list[tuple[str, NDArray[np.bool_]]], n: int
+    ) -> NDArray[np.bool_]:
+        good = np.ones(n, dtype=bool)
+        for reason, passed in checks:
+            bad = int((good & ~passed).sum())
+            if bad:
+                self.rejected[reason] += bad
+            good &= passed
+        return good
+
+    def velocity(self, sample: VelocityObservation) -> VelocityObservation | None:
+        """Return the sample if it is sane, else None."""
+        c = self._config
+        values = np.array([sample.stamp_s, sample.u_mps, sample.r_radps])
+        reason = ""
+        if not (np.isfinite(values).all() and np.isfinite(sample.cov).all()):
+            reason = "odometry: not a number"
+        elif not sample.stamp_s >= self._last_velocity_s:
+            reason = "odometry: stamp goes backwards"
+        elif abs(sample.u_mps) > c.max_speed_mps:
+            reason = "odometry: too fast"
+        elif abs(sample.r_radps) > c.max_yaw_rate_radps:
+            reason = "odometry: turns too fast"
+        elif not (np.linalg.eigvalsh(sample.cov) > 0.0).all():
+            reason = "odometry: covariance unusable"
+        if reason:
+            self.rejected[reason] += 1
+            return None
+        self._last_velocity_s = sample.stamp_s
+        return sample

@@ -1,0 +1,293 @@
+"""The extended Kalman filter's algebra: one car, many cones, one covariance.
+
+State ``[x, y, psi, u, r, b, l_1x, l_1y, …]``. Both back ends use it: the EKF
+holds the whole map in it, the graph's tracker only the cones near the car.
+Rows that an operation does not touch are not read: a joint update of k cones
+costs O(n^2 k), a prediction O(n).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+
+from conegraph.backends.motion import NV, Prediction
+from conegraph.backends.sensor_noise import transport_covariance
+from conegraph.geometry import rotation, wrap_angle
+from conegraph.types import Array, IntArray, SensorModel
+
+
+@dataclass(frozen=True, slots=True)
+class PredictedCones:
+    """Cones of the map as the car should see them.
+
+    Attributes:
+        slot: (k,) their places in the filter.
+        xy_m: (k, 2) predicted positions in the car frame.
+        cov_m2: (2k, 2k) joint covariance of these, without sensor noise.
+    """
+
+    slot: IntArray
+    xy_m: Array
+    cov_m2: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Innovation:
+    """Normalised innovation squared of a joint update, and its degrees of freedom."""
+
+    nis: float
+    dof: int
+
+
+class LandmarkFilter:
+    """Mean and covariance of the car and its cones, changed in place."""
+
+    def __init__(self, bias_sigma_radps: float = 0.0, speed_sigma: float = 0.0) -> None:
+        """Start at the origin, at rest (thesis section 4.2).
+
+        ``speed_sigma`` (m/s) is the doubt about standing still; the thesis has 0.
+        """
+        self._x = np.zeros(NV)
+        self._P = np.zeros((NV, NV))
+        self._P[3, 3] = speed_sigma**2
+        self._P[4, 4] = (0.2 * speed_sigma) ** 2
+        self._P[5, 5] = bias_sigma_radps**2
+
+    @property
+    def n_landmarks(self) -> int:
+        """How many cones the filter holds."""
+        return (len(self._x) - NV) // 2
+
+    @property
+    def vehicle(self) -> Array:
+        """(6,) the car's state, a copy."""
+        return self._x[:NV].copy()
+
+    @property
+    def vehicle_cov(self) -> Array:
+        """(6, 6) the car's covariance, a copy."""
+        return self._P[:NV, :NV].copy()
+
+    @property
+    def landmarks_m(self) -> Array:
+        """(M, 2) the cones in the world, a copy."""
+        return self._x[NV:].reshape(-1, 2).copy()
+
+    def landmark_covs(self) -> Array:
+        """(M, 2, 2) the cones' own covariances."""
+        m = self.n_landmarks
+        blocks = self._P[NV:, NV:].reshape(m, 2, m, 2)
+        return np.ascontiguousarray(np.einsum("iaib->iab", blocks))
+
+    def load(self, state: Array, cov: Array) -> None:
+        """Replace everything: state (6 + 2 M,), covariance square of it."""
+        self._x, self._P = state.copy(), cov.copy()
+
+    def predict(self, step: Prediction) -> None:
+        """Move the car (thesis section 4.3).
+
+        ``P_VV = F P_VV F' + Q``, ``P_VM = F P_VM``; cones do not move.
+        """
+        self._x[:NV] = step.state
+        rows = step.F @ self._P[:NV]
+        self._P[:NV, NV:] = rows[:, NV:]
+        self._P[NV:, :NV] = rows[:, NV:].T
+        self._P[:NV, :NV] = rows[:, :NV] @ step.F.T + step.Q
+
+    def place_car(self, pose: Array, cov: Array) -> None:
+        """Set the pose (3,) with covariance (3, 3), independent of the cones."""
+        self._x[:3] = pose
+        self._P[:3], self._P[:, :3] = 0.0, 0.0
+        self._P[:3, :3] = cov
+
+    def inflate(self, Q: Array) -> None:
+        """Add noise (6, 6) to the car."""
+        self._P[:NV, :NV] += Q
+
+    def cones_in_car_frame(self) -> Array:
+        """(M, 2) every cone as the car should see it.
+
+        ``h(p, l) = R(psi)' (l - [x, y])`` (thesis section 4.4.1).
+        """
+        seen: Array = (self._x[NV:].reshape(-1, 2) - self._x[:2]) @ rotation(self._x[2])
+        return seen
+
+    def predict_cones(self, slot: IntArray) -> PredictedCones:
+        """Predict the cones in the given slots with their joint covariance."""
+        H, columns, h = self._jacobian(slot)
+        cov = H @ self._P[np.ix_(columns, columns)] @ H.T
+        return PredictedCones(slot, h, cov)
+
+    def _jacobian(self, slot: IntArray) -> tuple[Array, IntArray, Array]:
+        """Return H (2k, 3 + 2k), the state columns it acts on, and h (k, 2).
+
+        ``H_p = [-R', [h_y, -h_x]']`` and ``H_l = R'`` (thesis section 4.4.1).
+        """
+        k = len(slot)
+        first = NV + 2 * slot
+        columns = np.concatenate(
+            [np.arange(3), np.stack([first, first + 1], 1).ravel()]
+        ).astype(np.int64)
+        Rt = rotation(self._x[2]).T
+        h = (self._x[columns[3:]].reshape(-1, 2) - self._x[:2]) @ Rt.T
+        H = np.zeros((k, 2, 3 + 2 * k))
+        H[:, :, :2] = -Rt
+        H[:, 0, 2], H[:, 1, 2] = h[:, 1], -h[:, 0]
+        i = np.arange(k)
+        for a in range(2):
+            for b in range(2):
+                H[i, a, 3 + 2 * i + b] = Rt[a, b]
+        return H.reshape(2 * k, 3 + 2 * k), columns, h
+
+    def update_cones(
+        self,
+        slot: IntArray,
+        xy_m: Array,
+        cov_m2: Array,
+        *,
+        model: SensorModel | None,
+        iterations: int = 1,
+    ) -> None:
+        """Correct everything with the cones matched in one frame, jointly.
+
+        ``z = y - h, Z = H P H' + R, K = P H' Z^-1, x += K z, P -= K Z K'``
+        (thesis section 4.4.1). More than one iteration repeats the linearisation
+        at the corrected state (iterated EKF, Bell and Cathey 1993). With a sensor
+        model, R is evaluated at the predicted positions.
+
+        Args:
+            slot: (k,) places of the matched cones.
+            xy_m: (k, 2) where they were seen, car frame.
+            cov_m2: (k, 2, 2) their reported covariances.
+            model: sensor model, or None to use the covariances as reported.
+            iterations: how many linearisations.
+        """
+        prior = self._x.copy()
+        for _ in range(iterations):
+            H, columns, h = self._jacobian(slot)
+            R = cov_m2
+            if model is not None:
+                R = transport_covariance(cov_m2, xy_m, h, model)
+            z = (xy_m - h).ravel() - H @ _difference(prior, self._x)[columns]
+            PHt = self._P[:, columns] @ H.T
+            Z = _add_blocks(H @ PHt[columns], R)
+            factor = cho_factor(Z, lower=True)
+            moved = PHt @ cho_solve(factor, z)
+            new = prior + moved
+            new[2] = wrap_angle(new[2])
+            change = np.abs(_difference(new, self._x)[:3]).max()
+            self._x = new
+            if change < 1e-4:
+                break
+        W = solve_triangular(factor[0], PHt.T, lower=True)
+        self._P -= W.T @ W
+
+    def innovation(
+        self, slot: IntArray, xy_m: Array, cov_m2: Array, model: SensorModel | None
+    ) -> Innovation:
+        """Return the joint NIS ``z' Z^-1 z`` of matched cones before their update."""
+        predicted = self.predict_cones(slot)
+        R = cov_m2
+        if model is not None:
+            R = transport_covariance(cov_m2, xy_m, predicted.xy_m, model)
+        Z = _add_blocks(predicted.cov_m2.copy(), R)
+        z = (xy_m - predicted.xy_m).ravel()
+        return Innovation(float(z @ cho_solve(cho_factor(Z), z)), len(z))
+
+    def update_velocity(self, u_mps: float, r_radps: float, cov: Array) -> None:
+        """Correct with a measured velocity (thesis section 4.4.2).
+
+        ``h = [u, r + b]``; the bias is part of what a gyro reports.
+        """
+        H = np.zeros((2, NV))
+        H[0, 3] = H[1, 4] = H[1, 5] = 1.0
+        z = np.array([u_mps, r_radps]) - H @ self._x[:NV]
+        PHt = self._P[:, :NV] @ H.T
+        gain = np.linalg.solve(H @ PHt[:NV] + cov, PHt.T).T
+        self._x += gain @ z
+        self._x[2] = wrap_angle(self._x[2])
+        self._P -= gain @ PHt.T
+
+    def add_cones(self, xy_m: Array, cov_m2: Array) -> IntArray:
+        """Append new cones (k, 2) seen from the car; return their slots (k,).
+
+        ``l = R y + [x, y]``, ``P_lx = G_p P_px``,
+        ``P_ll = G_p P_pp G_p' + R cov R'`` (thesis section 4.4.4).
+        """
+        n, k = len(self._x), len(xy_m)
+        Rw = rotation(self._x[2])
+        offset = xy_m @ Rw.T
+        by_pose = np.zeros((k, 2, 3))
+        by_pose[:, 0, 0] = by_pose[:, 1, 1] = 1.0
+        by_pose[:, 0, 2], by_pose[:, 1, 2] = -offset[:, 1], offset[:, 0]
+        G = by_pose.reshape(2 * k, 3)
+        P = np.zeros((n + 2 * k, n + 2 * k))
+        P[:n, :n] = self._P
+        P[n:, :n] = G @ self._P[:3]
+        P[:n, n:] = P[n:, :n].T
+        P[n:, n:] = _add_blocks(
+            G @ self._P[:3, :3] @ G.T, np.asarray(Rw @ cov_m2 @ Rw.T)
+        )
+        self._x = np.concatenate([self._x, (offset + self._x[:2]).ravel()])
+        self._P = P
+        return np.arange((n - NV) // 2, (n - NV) // 2 + k, dtype=np.int64)
+
+    def place_cones(self, xy_m: Array, cov_m2: Array) -> None:
+        """Append cones (k, 2) of a given map, in the world, independent of all."""
+        n, k = len(self._x), len(xy_m)
+        P = np.zeros((n + 2 * k, n + 2 * k))
+        P[:n, :n] = self._P
+        _add_blocks(P[n:, n:], cov_m2)
+        self._x, self._P = np.concatenate([self._x, xy_m.ravel()]), P
+
+    def keep(self, mask: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> None:
+        """Drop the cones whose mask (M,) is False; the others close ranks."""
+        rows = np.concatenate([np.ones(NV, bool), np.repeat(mask, 2)])
+        self._x = self._x[rows]
+        self._P = self._P[np.ix_(rows, rows)]
+
+    def separation(self, first: IntArray, second: IntArray) -> tuple[Array, Array]:
+        """Return difference (k, 2) of cones and its covariances (k, 2, 2)."""
+        a = (NV + 2 * first)[:, None] + np.arange(2)
+        b = (NV + 2 * second)[:, None] + np.arange(2)
+        P = self._P
+
+        def block(i: IntArray, j: IntArray) -> Array:
+            return P[i[:, :, None], j[:, None, :]]
+
+        cov = block(a, a) + block(b, b) - block(a, b) - block(b, a)
+        return self._x[a] - self._x[b], cov
+
+    def equate(self, first: int, second: int, sigma_m: float) -> None:
+        """Correct with the knowledge that two cones are one (difference zero)."""
+        a, b = NV + 2 * first, NV + 2 * second
+        columns = [a, a + 1, b, b + 1]
+        H = np.hstack([np.eye(2), -np.eye(2)])
+        PHt = self._P[:, columns] @ H.T
+        Z = H @ PHt[columns] + np.eye(2) * sigma_m**2
+        gain = np.linalg.solve(Z, PHt.T).T
+        self._x -= gain @ (self._x[columns[:2]] - self._x[columns[2:]])
+        self._x[2] = wrap_angle(self._x[2])
+        self._P -= gain @ PHt.T
+
+    def is_healthy(self) -> bool:
+        """Whether every number is finite and no variance is negative."""
+        return bool(np.isfinite(self._x).all() and (np.diag(self._P) >= -1e-9).all())
+
+
+def _difference(a: Array, b: Array) -> Array:
+    d = a - b
+    d[2] = wrap_angle(d[2])
+    return d
+
+
+def _add_blocks(matrix: Array, blocks: Array) -> Array:
+    """Add (k, 2, 2) blocks to the diagonal of a (2k, 2k) matrix, in place."""
+    i = 2 * np.arange(len(blocks))
+    for a in range(2):
+        for b in range(2):
+            matrix[i + a, i + b] += blocks[:, a, b]
+    return matrix

@@ -1,0 +1,141 @@
+"""The cones that the filter holds, and the book that knows them all."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conegraph.backends.landmark_filter import LandmarkFilter
+from conegraph.backends.landmarks import LandmarkBook
+from conegraph.config import Config, LandmarkConfig
+from conegraph.types import Array, ConeMap, ConeObservations, IntArray, SensorModel
+
+Mask = NDArray[np.bool_]
+
+TOGETHER_M = 2.5
+"""Cones nearer than this are remembered as two when one frame shows both."""
+
+TWIN_M = 2.0
+"""Cones farther apart than this are never taken for one."""
+
+TWIN_SIGMA_M = 0.003
+"""How exactly two rows that are one cone must coincide."""
+
+
+class LocalMap:
+    """A filter's cones and their book entries, kept in step.
+
+    A slot is a place in the filter, a row one in the book; `row` maps the first
+    to the second. The EKF's filter holds every row, the graph's tracker some.
+    """
+
+    def __init__(self, config: Config) -> None:
+        """Start at the origin with no cones."""
+        odometry = config.motion.use_odometry and config.motion.odometry_as_input
+        bias = config.motion.gyro_bias_sigma_radps if odometry else 0.0
+        self.filter = LandmarkFilter(bias, config.motion.start_speed_sigma_mps)
+        self.book = LandmarkBook(config.landmarks)
+        self.row: IntArray = np.zeros(0, dtype=np.int64)
+        self._config: LandmarkConfig = config.landmarks
+
+    def start_from(self, known: ConeMap) -> None:
+        """Fill an empty map with known cones, independent of the car."""
+        self.row = self.book.append_known(known)
+        self.filter.place_cones(known.xy_m, known.cov_m2)
+
+    def visible(self, sensor: SensorModel) -> IntArray:
+        """Slots of the cones that the sensor could report, with a margin."""
+        xy = self.filter.cones_in_car_frame()
+        range_m = np.hypot(xy[:, 0], xy[:, 1])
+        beyond = np.abs(np.arctan2(xy[:, 1], xy[:, 0])) - sensor.half_fov_rad
+        outside_m = range_m * np.sin(np.clip(beyond, 0.0, 0.5 * np.pi))
+        inside = (range_m < sensor.max_range_m + 3.0) & (
+            (beyond < 0.15) | (outside_m < TOGETHER_M)
+        )
+        return np.flatnonzero(inside).astype(np.int64)
+
+    def add(self, frame: ConeObservations, driven_m: float) -> IntArray:
+        """Add the cones of a frame as new; return their slots."""
+        nobody = np.full(len(frame), -1, dtype=np.int64)
+        truth = nobody if frame.truth_id is None else frame.truth_id
+        rows = self.book.add(frame.class_prob, driven_m, truth)
+        self.row = np.concatenate([self.row, rows])
+        return self.filter.add_cones(frame.xy_m, frame.cov_m2)
+
+    def remove(self, slot: IntArray) -> None:
+        """Forget the cones in the slots altogether."""
+        if len(slot) == 0:
+            return
+        keep_slot = np.ones(len(self.row), dtype=bool)
+        keep_slot[slot] = False
+        keep_row = np.ones(len(self.book), dtype=bool)
+        keep_row[self.row[slot]] = False
+        new_row = np.cumsum(keep_row) - 1
+        self.filter.keep(keep_slot)
+        self.book.keep(keep_row)
+        self.row = new_row[self.row[keep_slot]].astype(np.int64)
+
+    def load(self, state: Array, cov: Array, ids: IntArray) -> None:
+        """Replace the filter's contents by these cones of the book."""
+        place = {int(i): n for n, i in enumerate(self.book.id)}
+        self.row = np.array([place[int(i)] for i in ids], dtype=np.int64)
+        self.filter.load(state, cov)
+
+    def sync(self) -> None:
+        """Copy positions and covariances from the filter into the book."""
+        self.book.xy_m[self.row] = self.filter.landmarks_m
+        self.book.cov_m2[self.row] = self.filter.landmark_covs()
+
+    def merge_twins(self) -> tuple[tuple[int, int], ...]:
+        """Unite cones that lie on each other and were never seen in one frame.
+
+        A pair is one cone when ``d' S^-1 d <= merge_d2`` for its difference d with
+        covariance S, S itself is small, and neither has a second candidate.
+
+        Returns:
+            Pairs of ids (kept, gone).
+        """
+        xy = self.filter.landmarks_m
+        gap = np.linalg.norm(xy[:, None] - xy, axis=2)
+        i, j = np.nonzero(np.triu(gap < TWIN_M, 1))
+        apart = [
+            not self.book.seen_together(int(self.row[a]), int(self.row[b]))
+            for a, b in zip(i, j, strict=True)
+        ]
+        i, j = i[apart].astype(np.int64), j[apart].astype(np.int64)
+        if len(i) == 0:
+            return ()
+        difference, cov = self.filter.separation(i, j)
+        cov = cov + np.eye(2) * TWIN_SIGMA_M**2
+        d2 = np.einsum(
+            "na,na->n", difference, np.linalg.solve(cov, difference[..., None])[..., 0]
+        )
+        same = (d2 <= self._config.merge_d2) & (np.trace(cov, axis1=1, axis2=2) < 1.0)
+        i, j = i[same], j[same]
+        counts = np.bincount(np.concatenate([i, j]), minlength=len(xy))
+        single = (counts[i] == 1) & (counts[j] == 1)
+        merged = []
+        for a, b in zip(i[single].tolist(), j[single].tolist(), strict=True):
+            kept, gone = (a, b) if self._age(a) <= self._age(b) else (b, a)
+            self.filter.equate(kept, gone, TWIN_SIGMA_M)
+            self.book.absorb(int(self.row[kept]), int(self.row[gone]))
+            merged.append((kept, gone))
+        ids = tuple((self._age(kept), self._age(gone)) for kept, gone in merged)
+        self.remove(np.array([gone for _, gone in merged], dtype=np.int64))
+        return ids
+
+    def _age(self, slot: int) -> int:
+        return int(self.book.id[self.row[slot]])
+
+    def publish(self) -> ConeMap:
+        """Return the confirmed cones of the whole book."""
+        self.sync()
+        book = self.book
+        shown = book.published
+        return ConeMap(
+            book.id[shown],
+            book.xy_m[shown],
+            book.cov_m2[shown],
+            book.class_prob[shown],
+            book.hits[shown],
+        )

@@ -1,0 +1,211 @@
+"""How the car moves between frames: random walk or integrated odometry.
+
+The car's state is ``[x, y, psi, u, r, b]``: pose in the world, forward speed and
+yaw rate (thesis section 4.1), and the bias of odometry's yaw rate. Without a
+prior on the bias (thesis profile, no odometry) its variance is zero and the
+state is the thesis's five.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from conegraph.config import MotionConfig
+from conegraph.geometry import rotation, wrap_angle
+from conegraph.types import Array, VelocityObservation
+
+NV = 6
+"""Length of the car's state."""
+
+GYRO_BIAS_WALK = 2e-5
+"""Random walk of the gyro bias, rad/s per square root of second: a MEMS gyro's."""
+
+
+@dataclass(frozen=True, slots=True)
+class Prediction:
+    """The car's state one step later: mean (6,), Jacobian F and noise Q (6, 6)."""
+
+    state: Array
+    F: Array
+    Q: Array
+
+
+@dataclass(frozen=True, slots=True)
+class OdometryIncrement:
+    """Odometry integrated over an interval, in the car frame at its start.
+
+    Attributes:
+        dt_s: length of the interval.
+        delta: (3,) pose increment with the yaw rate as measured.
+        cov: (3, 3) its covariance.
+        bias_jacobian: (3,) derivative of `delta` by the yaw-rate bias.
+        velocity: (2,) the last sample, u and r as measured.
+        velocity_cov: (2, 2) its covariance.
+    """
+
+    dt_s: float
+    delta: Array
+    cov: Array
+    bias_jacobian: Array
+    velocity: Array
+    velocity_cov: Array
+
+
+def predict_midpoint(state: Array, dt_s: float, config: MotionConfig) -> Prediction:
+    """Integrate the velocities at the middle of the step.
+
+    ``x += u cos(h) dt, y += u sin(h) dt, psi += r dt`` with ``h = psi + r dt/2``.
+    Noise is a forward acceleration ``a`` and a yaw acceleration ``alpha``, each
+    constant over the step: ``Q = g_a g_a' s_a^2 + g_alpha g_alpha' s_alpha^2``.
+    """
+    _, _, psi, u, r, _ = state
+    move_s = min(dt_s, config.max_step_s)
+    heading = psi + 0.5 * r * move_s
+    c, s = np.cos(heading), np.sin(heading)
+    new = state.copy()
+    new[0] += u * c * move_s
+    new[1] += u * s * move_s
+    new[2] = wrap_angle(psi + r * move_s)
+    F = np.eye(NV)
+    F[0, 2], F[1, 2] = -u * s * move_s, u * c * move_s
+    F[0, 3], F[1, 3] = c * move_s, s * move_s
+    F[0, 4], F[1, 4] = 0.5 * move_s * F[0, 2], 0.5 * move_s * F[1, 2]
+    F[2, 4] = move_s
+    half = 0.5 * dt_s**2
+    g_a = np.array([c * half, s * half, 0.0, dt_s, 0.0, 0.0])
+    turn = u * dt_s**3 / 6.0
+    g_alpha = np.array([-s * turn, c * turn, half, 0.0, dt_s, 0.0])
+    Q = np.outer(g_a, g_a) * config.accel_sigma_mps2**2
+    Q += np.outer(g_alpha, g_alpha) * config.yaw_accel_sigma_radps2**2
+    slip = config.slip_sigma_m_per_sqrt_m**2 * abs(u) * dt_s
+    Q[:2, :2] += slip * np.array([[s * s, -s * c], [-s * c, c * c]])
+    return Prediction(new, F, Q)
+
+
+def predict_euler(state: Array, dt_s: float, config: MotionConfig) -> Prediction:
+    """Integrate with the heading at the start of the step (thesis section 4.3).
+
+    ``x += u cos(psi) dt, y += u sin(psi) dt, psi += r dt``; u and r are random
+    walks. The thesis leaves the diagonal Q open; here it is what the configured
+    accelerations do to each state over the step.
+    """
+    _, _, psi, u, r, _ = state
+    move_s = min(dt_s, config.max_step_s)
+    c, s = np.cos(psi), np.sin(psi)
+    new = state.copy()
+    new[0] += u * c * move_s
+    new[1] += u * s * move_s
+    new[2] = wrap_angle(psi + r * move_s)
+    F = np.eye(NV)
+    F[0, 2], F[1, 2] = -u * s * move_s, u * c * move_s
+    F[0, 3], F[1, 3] = c * move_s, s * move_s
+    F[2, 4] = move_s
+    a, alpha = config.accel_sigma_mps2, config.yaw_accel_sigma_radps2
+    half = 0.5 * dt_s**2
+    sigma = np.array([a * half, a * half, alpha * half, a * dt_s, alpha * dt_s, 0.0])
+    return Prediction(new, F, np.diag(sigma**2))
+
+
+def predict_with_odometry(state: Array, increment: OdometryIncrement) -> Prediction:
+    """Move the pose by integrated odometry and take over its last velocity.
+
+    With ``d(b) = delta + J b`` (``b`` the yaw-rate bias):
+    ``p = p (+) d(b), u = u_odo, r = r_odo - b``.
+    """
+    psi, bias = state[2], state[5]
+    delta = increment.delta + increment.bias_jacobian * bias
+    R = rotation(psi)
+    new = state.copy()
+    new[:2] += R @ delta[:2]
+    new[2] = wrap_angle(psi + delta[2])
+    new[3] = increment.velocity[0]
+    new[4] = increment.velocity[1] - bias
+    F = np.eye(NV)
+    F[3:5] = 0.0
+    moved = R @ delta[:2]
+    F[0, 2], F[1, 2] = -moved[1], moved[0]
+    F[:2, 5] = R @ increment.bias_jacobian[:2]
+    F[2, 5] = increment.bias_jacobian[2]
+    F[4, 5] = -1.0
+    turn = np.eye(3)
+    turn[:2, :2] = R
+    Q = np.zeros((NV, NV))
+    Q[:3, :3] = turn @ increment.cov @ turn.T
+    Q[3:5, 3:5] = increment.velocity_cov
+    Q[5, 5] = GYRO_BIAS_WALK**2 * increment.dt_s
+    return Prediction(new, F, Q)
+
+
+def integrate_odometry(
+    previous: VelocityObservation,
+    samples: Sequence[VelocityObservation],
+    start_s: float,
+    end_s: float,
+    config: MotionConfig,
+) -> OdometryIncrement:
+    """Integrate velocity samples over ``[start_s, end_s]``.
+
+    Velocity changes linearly between samples and is held after the last. With
+    segment lengths ``dt_i``, mean velocities ``u_i, r_i`` and headings ``h_i`` at
+    the segments' middles: ``x = sum u_i dt_i cos h_i``, likewise y, and
+    ``psi = sum r_i dt_i``. A sample's error is white, so a segment inside a
+    sampling interval ``D`` contributes ``cov D dt``. The path also walks sideways
+    by the configured slip, and an interval longer than ``odometry_hold_s`` adds
+    what the car's accelerations can do beyond it.
+    """
+    stamps = np.array([previous.stamp_s, *(v.stamp_s for v in samples)])
+    values = np.array([[v.u_mps, v.r_radps] for v in (previous, *samples)])
+    covs = np.array([v.cov for v in (previous, *samples)])
+    last_gap = stamps[-1] - stamps[-2] if len(stamps) > 1 else end_s - start_s
+    first = values[0]
+    if len(stamps) > 1 and stamps[1] > stamps[0]:
+        passed = np.clip((start_s - stamps[0]) / (stamps[1] - stamps[0]), 0.0, 1.0)
+        first = values[0] + passed * (values[1] - values[0])
+    knots = np.concatenate([[start_s], stamps[1:], [end_s]])
+    held = np.vstack([first, values[1:], values[-1:]])
+    dt = np.diff(knots)
+    mean = 0.5 * (held[:-1] + held[1:])
+    spacing = np.concatenate([np.diff(stamps), [max(last_gap, dt[-1])]])
+    spacing = np.maximum(spacing, dt)
+    sample_cov = np.concatenate([covs[1:], covs[-1:]])
+    excess = np.maximum(dt - config.odometry_hold_s, 0.0)
+    sample_cov = sample_cov.copy()
+    sample_cov[:, 0, 0] += (config.accel_sigma_mps2 * excess) ** 2
+    sample_cov[:, 1, 1] += (config.yaw_accel_sigma_radps2 * excess) ** 2
+    return _sum_segments(dt, mean, sample_cov, spacing, values[-1], covs[-1], config)
+
+
+def _sum_segments(
+    dt: Array,
+    velocity: Array,
+    sample_cov: Array,
+    spacing: Array,
+    last: Array,
+    last_cov: Array,
+    config: MotionConfig,
+) -> OdometryIncrement:
+    turn = velocity[:, 1] * dt
+    heading = np.cumsum(turn) - 0.5 * turn
+    c, s = np.cos(heading), np.sin(heading)
+    step = velocity[:, 0] * dt * np.sinc(0.5 * turn / np.pi)
+    ends = np.cumsum(np.stack([step * c, step * s], axis=1), axis=0)
+    delta = np.array([ends[-1, 0], ends[-1, 1], turn.sum()])
+    # An error of the yaw rate turns half of its own segment and all that follow.
+    middle = ends - 0.5 * np.stack([step * c, step * s], axis=1)
+    lever = ends[-1] - middle
+    jac = np.zeros((len(dt), 3, 2))
+    jac[:, 0, 0], jac[:, 1, 0] = c, s
+    jac[:, 0, 1], jac[:, 1, 1], jac[:, 2, 1] = -lever[:, 1], lever[:, 0], 1.0
+    weighted = sample_cov * (spacing * dt)[:, None, None]
+    cov = np.einsum("nij,njk,nlk->il", jac, weighted, jac)
+    slip = config.slip_sigma_m_per_sqrt_m**2 * np.abs(step)
+    sideways = np.stack([-s, c], axis=1)
+    cov[:2, :2] += np.einsum("n,ni,nj->ij", slip, sideways, sideways)
+    cov += np.diag([1e-10, 1e-10, 1e-12])
+    bias_jacobian = -np.einsum("nij,nj->i", jac[:, :, 1:], dt[:, None])
+    return OdometryIncrement(
+        float(dt.sum()), delta, cov, bias_jacobian, last, np.array(last_cov)
+    )

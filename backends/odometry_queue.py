@@ -1,0 +1,71 @@
+"""Velocities on their way to the filter, kept until a frame asks for them."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from conegraph.backends.motion import OdometryIncrement, integrate_odometry
+from conegraph.config import MotionConfig
+from conegraph.types import VelocityObservation
+
+
+class OdometryQueue:
+    """Holds samples in order of stamp; hands out what lies in an interval."""
+
+    def __init__(self, config: MotionConfig) -> None:
+        """Start without any sample."""
+        self._config = config
+        self._waiting: deque[VelocityObservation] = deque()
+        self._held: VelocityObservation | None = None
+
+    def push(self, sample: VelocityObservation) -> None:
+        """Take the next sample; stamps never decrease."""
+        self._waiting.append(sample)
+
+    @property
+    def newest_s(self) -> float:
+        """Stamp of the newest sample, minus infinity without any."""
+        if self._waiting:
+            return self._waiting[-1].stamp_s
+        return self._held.stamp_s if self._held else float("-inf")
+
+    def samples(self, end_s: float) -> list[VelocityObservation]:
+        """Take out the samples up to a stamp, one by one in order."""
+        taken = []
+        while self._waiting and self._waiting[0].stamp_s <= end_s:
+            taken.append(self._waiting.popleft())
+        if taken:
+            self._held = taken[-1]
+        return taken
+
+    def take(self, start_s: float, end_s: float) -> OdometryIncrement | None:
+        """Integrate the interval and forget its samples.
+
+        None where no sample is fresh enough to speak for the interval.
+        """
+        held = self._held
+        return self._integrate(held, self.samples(end_s), start_s, end_s)
+
+    def peek(self, start_s: float, end_s: float) -> OdometryIncrement | None:
+        """Integrate the interval and keep everything."""
+        samples = [v for v in self._waiting if v.stamp_s <= end_s]
+        return self._integrate(self._held, samples, start_s, end_s)
+
+    def _integrate(
+        self,
+        held: VelocityObservation | None,
+        samples: list[VelocityObservation],
+        start_s: float,
+        end_s: float,
+    ) -> OdometryIncrement | None:
+        first = held or (samples[0] if samples else None)
+        if first is None or end_s <= start_s:
+            return None
+        newest = samples[-1].stamp_s if samples else first.stamp_s
+        if start_s - newest > self._config.odometry_hold_s:
+            return None
+        inside = [v for v in samples if v.stamp_s >= start_s]
+        skipped = samples[: len(samples) - len(inside)]
+        return integrate_odometry(
+            skipped[-1] if skipped else first, inside, start_s, end_s, self._config
+        )

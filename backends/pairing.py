@@ -1,0 +1,204 @@
+"""From a frame and a map to who is who: candidates, colours, rescue, births."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conegraph.backends.association import Pairing, associate, colour_cost
+from conegraph.backends.landmark_filter import PredictedCones
+from conegraph.backends.local_map import LocalMap
+from conegraph.config import Config
+from conegraph.types import (
+    CLASS_LABELS,
+    Array,
+    ConeObservations,
+    IntArray,
+    SensorModel,
+)
+
+Mask = NDArray[np.bool_]
+
+KNOWN_AREA_M = 2.5
+"""An observation nearer than this to a mapped cone lies where the map is known."""
+
+FEW_MATCHES = 0.7
+"""Below this share of the known area's cones a pairing is tried again."""
+
+RESCUE = 24.0
+"""Factor on the process noise that a second try adds to the car."""
+
+CROWDED_M = 25.0
+"""Beyond this, cones hide each other too often for a missing one to mean much."""
+
+ROLE_INDEX = {"left": 0, "right": 1, "start": 2, "none": 3}
+
+
+@dataclass(frozen=True, slots=True)
+class Pairs:
+    """One frame's cones and the map's.
+
+    Attributes:
+        slot: (m,) the matched cone's slot, -1 where there is none.
+        d2: (m,) squared Mahalanobis distance to the match or the nearest cone.
+        birth: (m,) whether a new cone should be made of it.
+        ambiguous: (m,) unmatched, yet too near to a known cone to be new.
+        update: (m,) matches that are still to correct the filter.
+        visible: slots of the cones that were looked for.
+        n_known: observations that lie where the map has cones.
+    """
+
+    slot: IntArray
+    d2: Array
+    birth: Mask
+    ambiguous: Mask
+    update: Mask
+    visible: IntArray
+    n_known: int
+
+    @property
+    def matched(self) -> Mask:
+        """(m,) whether each observation has a cone."""
+        return self.slot >= 0
+
+    def with_used(self, row: IntArray, slot: IntArray) -> Pairs:
+        """Return these pairs with some fixed that have corrected the filter."""
+        slots, update, birth = self.slot.copy(), self.update.copy(), self.birth.copy()
+        slots[np.isin(slots, slot)] = -1
+        slots[row], update[row], birth[row] = slot, False, False
+        return replace(self, slot=slots, update=update, birth=birth)
+
+
+class FramePairer:
+    """Pairs frames with a map; it remembers nothing between frames."""
+
+    def __init__(self, config: Config, sensor: SensorModel) -> None:
+        """Take methods and gates from the configuration."""
+        self._config = config
+        self._sensor = sensor
+        roles = config.roles.model_dump()
+        self._role = np.array([ROLE_INDEX[roles[label]] for label in CLASS_LABELS])
+
+    def roles(self, class_prob: Array) -> IntArray:
+        """(N,) role of the most probable class: left 0, right 1, start 2, none 3."""
+        role: IntArray = self._role[class_prob.argmax(axis=1)].astype(np.int64)
+        return role
+
+    def pair(self, map_: LocalMap, frame: ConeObservations, noise: Array) -> Pairs:
+        """Pair a frame's cones with the map's.
+
+        If fewer than `FEW_MATCHES` of the cones in the known area match, the car
+        may have moved more than its model allows: with `noise` (6, 6) added
+        `RESCUE` times the pairing is tried again and kept if at least two more
+        match; then the added noise stays in the filter.
+        """
+        visible = map_.visible(self._sensor)
+        predicted = map_.filter.predict_cones(visible)
+        first = self._associate(map_, frame, predicted)
+        gap = np.linalg.norm(frame.xy_m[:, None] - predicted.xy_m, axis=2)
+        known = gap.min(axis=1, initial=np.inf) < KNOWN_AREA_M
+        n_known = int(known.sum())
+        hits = int((first.matched & known).sum())
+        if (
+            self._config.association.method == "sequential"
+            and n_known >= 3
+            and hits < FEW_MATCHES * n_known
+        ):
+            map_.filter.inflate(RESCUE * noise)
+            again = self._associate(map_, frame, map_.filter.predict_cones(visible))
+            better = int((again.matched & known).sum())
+            if better > hits + 1:
+                first, hits = again, better
+            else:
+                map_.filter.inflate(-RESCUE * noise)
+        pairs = self._decide(first, visible, n_known, hits)
+        if frame.truth_id is not None and self._knows_ids(frame):
+            unseen = ~np.isin(frame.truth_id, map_.book.truth_id)
+            return replace(pairs, birth=unseen & (frame.truth_id >= 0))
+        return pairs
+
+    def _knows_ids(self, frame: ConeObservations) -> bool:
+        method = self._config.association.method
+        return method == "known" and frame.truth_id is not None
+
+    def _associate(
+        self, map_: LocalMap, frame: ConeObservations, predicted: PredictedCones
+    ) -> Pairing:
+        config = self._config.association
+        row = map_.row[predicted.slot]
+        mapped = map_.book.class_prob[row]
+        cost = np.zeros((len(frame), len(row)))
+        allowed = np.ones(cost.shape, dtype=bool)
+        if frame.truth_id is not None and self._knows_ids(frame):
+            ids = map_.book.truth_id[row]
+            allowed = (frame.truth_id[:, None] == ids) & (ids >= 0)
+        elif config.colour == "same_role":
+            allowed = self.roles(frame.class_prob)[:, None] == self.roles(mapped)
+        else:
+            cost = config.colour_weight * colour_cost(frame.class_prob, mapped)
+        cov = frame.cov_m2 * self._config.sensor.scale**2
+        return associate(config, frame.xy_m, cov, predicted, cost, allowed)
+
+    def _decide(
+        self, pairing: Pairing, visible: IntArray, n_known: int, hits: int
+    ) -> Pairs:
+        """Choose what is born: nothing near a known cone, nothing while confused.
+
+        Beside a cone that another observation of the frame matched, the gate
+        suffices: one frame does not show one cone twice.
+        """
+        config = self._config.association
+        slot = (
+            np.where(pairing.matched, visible[pairing.column], -1)
+            if len(visible)
+            else pairing.column
+        )
+        free = ~pairing.matched
+        birth = free & (pairing.free_d2 > config.no_birth_d2)
+        birth &= pairing.d2 > config.gate_d2
+        ambiguous = free & ~birth
+        confused = n_known >= 2 and hits < 0.5 * n_known
+        if confused and config.method == "sequential":
+            birth = np.zeros_like(birth)
+        return Pairs(
+            slot.astype(np.int64),
+            pairing.d2,
+            birth,
+            ambiguous,
+            pairing.matched.copy(),
+            visible,
+            n_known,
+        )
+
+
+def overdue(
+    map_: LocalMap,
+    sensor: SensorModel,
+    frame: ConeObservations,
+    pairs: Pairs,
+    view_share: float,
+) -> IntArray:
+    """Slots of cones well inside the view that no observation can have been.
+
+    Only frames in which at least half of the cones matched say anything, and an
+    ambiguous observation within a metre speaks for a cone.
+    """
+    slot = pairs.visible
+    settled = pairs.matched | pairs.ambiguous
+    if len(slot) == 0 or pairs.matched.sum() < 0.5 * max(1, settled.sum()):
+        return np.zeros(0, dtype=np.int64)
+    xy = map_.filter.cones_in_car_frame()[slot]
+    range_m = np.hypot(xy[:, 0], xy[:, 1])
+    bearing = np.abs(np.arctan2(xy[:, 1], xy[:, 0]))
+    inside = (
+        (range_m < view_share * min(sensor.max_range_m, CROWDED_M))
+        & (range_m > sensor.min_range_m + 1.0)
+        & (bearing < sensor.half_fov_rad - 0.06)
+    )
+    inside &= ~np.isin(slot, pairs.slot)
+    near = frame.xy_m[pairs.ambiguous]
+    gap = np.linalg.norm(xy[:, None] - near, axis=2)
+    alone: Mask = inside & (gap.min(axis=1, initial=np.inf) > 1.0)
+    return slot[alone].astype(np.int64)

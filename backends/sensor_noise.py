@@ -1,0 +1,87 @@
+"""The covariance of a cone's position as a function of where it is.
+
+A detector reports the covariance at the range that it *measured*. Taken as is,
+a cone measured too near gets too much weight and the map shrinks; evaluated at
+the *predicted* range it does not (the larger of two modelling fixes).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from conegraph.config import SensorConfig
+from conegraph.types import Array, SensorModel
+
+
+def polar_sigmas(range_m: Array, model: SensorModel) -> tuple[Array, Array]:
+    """Return the sigmas along and across the ray, in m, at the ranges (N,).
+
+    ``s_along^2 = (c0 + c1 r + c2 r^2)^2 + floor^2``,
+    ``s_across^2 = (r s_bearing)^2 + floor^2``.
+    """
+    c0, c1, c2 = model.range_sigma_m
+    floor2 = model.floor_m**2
+    along = np.sqrt((c0 + c1 * range_m + c2 * range_m**2) ** 2 + floor2)
+    across = np.sqrt((range_m * model.bearing_sigma_rad) ** 2 + floor2)
+    return along, across
+
+
+def transport_covariance(
+    cov_m2: Array, measured_m: Array, predicted_m: Array, model: SensorModel
+) -> Array:
+    """Move reported covariances from the measured to the predicted position.
+
+    Along and across the ray the sigmas are scaled by the model's ratio between
+    the two ranges, so that a covariance equal to the model's at the measured
+    position becomes the model's at the predicted one, while a detector's own
+    judgement of a single cone is kept. Shapes (N, 2, 2), (N, 2), (N, 2).
+    """
+    before = polar_sigmas(np.hypot(*measured_m.T), model)
+    after = polar_sigmas(np.hypot(*predicted_m.T), model)
+    scale = np.stack([after[0] / before[0], after[1] / before[1]], axis=1)
+    old, new = _axes(measured_m), _axes(predicted_m)
+    local = old.transpose(0, 2, 1) @ cov_m2 @ old
+    local = local * scale[:, :, None] * scale[:, None, :]
+    moved: Array = new @ local @ new.transpose(0, 2, 1)
+    return moved
+
+
+def bearing_range_covariance(cov_m2: Array, xy_m: Array) -> Array:
+    """Return covariances (N, 2, 2) in (bearing_rad, range_m) at positions (N, 2)."""
+    x, y = xy_m[:, 0], xy_m[:, 1]
+    r2 = np.maximum(x * x + y * y, 1e-12)
+    r = np.sqrt(r2)
+    jac = np.stack([np.stack([-y / r2, x / r2], -1), np.stack([x / r, y / r], -1)], -2)
+    cov: Array = jac @ cov_m2 @ jac.transpose(0, 2, 1)
+    return cov
+
+
+def _axes(xy_m: Array) -> Array:
+    """Return (N, 2, 2) with the unit vectors along and across the ray as columns."""
+    r = np.maximum(np.hypot(xy_m[:, 0], xy_m[:, 1]), 1e-9)
+    c, s = xy_m[:, 0] / r, xy_m[:, 1] / r
+    return np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], -2)
+
+
+GENERIC = SensorModel(np.array([0.05, 0.0, 0.0025]), 0.01)
+"""A stereo camera of usual quality, for sources that say nothing of their sensor."""
+
+
+def effective_sensor(config: SensorConfig, source: SensorModel | None) -> SensorModel:
+    """Lay the configured keys over what the source knows, else over `GENERIC`."""
+    base = source or GENERIC
+    given = {
+        key: getattr(config, key)
+        for key in (
+            "range_sigma_m",
+            "bearing_sigma_rad",
+            "floor_m",
+            "max_range_m",
+            "half_fov_rad",
+            "detection_probability",
+        )
+        if getattr(config, key) is not None
+    }
+    return replace(base, **given)

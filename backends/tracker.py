@@ -1,0 +1,381 @@
+"""The frame path that every back end shares: predict, associate, correct, keep.
+
+One class, so that a comparison of back ends compares estimators and not their
+helpers. The EKF lets it hold the whole map; the factor graph lets it hold the
+cones near the car and replaces its contents whenever the graph has been solved.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from conegraph.backends.base import FrameEvents
+from conegraph.backends.closure import (
+    ClosureResult,
+    ClosureWatch,
+    forced_start_pairs,
+)
+from conegraph.backends.gate import InputGate
+from conegraph.backends.health import HealthMonitor
+from conegraph.backends.landmark_filter import Innovation
+from conegraph.backends.laps import LapCounter
+from conegraph.backends.local_map import TOGETHER_M, LocalMap
+from conegraph.backends.motion import (
+    OdometryIncrement,
+    Prediction,
+    predict_euler,
+    predict_midpoint,
+    predict_with_odometry,
+)
+from conegraph.backends.odometry_queue import OdometryQueue
+from conegraph.backends.pairing import ROLE_INDEX, FramePairer, Pairs, overdue
+from conegraph.backends.sensor_noise import effective_sensor, transport_covariance
+from conegraph.backends.velocity import cone_velocity
+from conegraph.config import Config
+from conegraph.types import (
+    Array,
+    Associations,
+    ConeClass,
+    ConeMap,
+    ConeObservations,
+    Estimate,
+    IntArray,
+    MatchStatus,
+    SensorModel,
+    VelocityObservation,
+)
+
+MERGE_EVERY = 10
+"""Frames between searches for cones that were mapped twice."""
+
+STATUS = (
+    MatchStatus.REJECTED,
+    MatchStatus.AMBIGUOUS,
+    MatchStatus.TENTATIVE,
+    MatchStatus.MATCHED,
+    MatchStatus.NEW,
+)
+
+SURPRISE = 8.0
+"""Factor on the process noise that a jointly improbable frame adds."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrackedFrame:
+    """One frame as the tracker settled it: what a mapper needs to know.
+
+    Attributes:
+        stamp_s: the frame's stamp.
+        dt_s: time since the frame before, 0 for the first.
+        increment: odometry since the frame before, None if there was none.
+        state: (6,) the car after the frame.
+        landmark_id: (k,) cones seen, matched or new.
+        xy_m: (k, 2) where they were seen, car frame.
+        cov_m2: (k, 2, 2) sensor noise, at the predicted range.
+        closure: whether these close a loop.
+        merged: pairs (kept, gone) of cones found to be one.
+        deleted: ids of cones found not to exist.
+    """
+
+    stamp_s: float
+    dt_s: float
+    increment: OdometryIncrement | None
+    state: Array
+    landmark_id: IntArray
+    xy_m: Array
+    cov_m2: Array
+    closure: bool
+    merged: tuple[tuple[int, int], ...]
+    deleted: tuple[int, ...]
+
+
+class Tracker:
+    """Car, nearby cones and everything that decides what belongs to what."""
+
+    def __init__(
+        self,
+        config: Config,
+        sensor: SensorModel | None,
+        known_map: ConeMap | None = None,
+        *,
+        add_cones: bool = True,
+    ) -> None:
+        """Start at the origin, on a known map if one is given."""
+        self._config = config
+        self.sensor = effective_sensor(config.sensor, sensor)
+        self.map = LocalMap(config)
+        if known_map is not None:
+            self.map.start_from(known_map)
+            self.map.filter.place_car(np.zeros(3), np.diag([0.25, 0.25, 0.01]))
+        self._add_cones = add_cones
+        self.gate = InputGate(config.gate)
+        self.queue = OdometryQueue(config.motion)
+        self.laps = LapCounter(config.start_line)
+        self._pairer = FramePairer(config, self.sensor)
+        self._closures = ClosureWatch(config.start_line, self._pairer)
+        self._health = HealthMonitor(config.status)
+        self._asked_s = -np.inf
+        self._stamp_s: float | None = None
+        self._increment: OdometryIncrement | None = None
+        self._noise = np.zeros((6, 6))
+        self._frames = 0
+        self.last_frame: ConeObservations | None = None
+        self.last_ids: IntArray = np.zeros(0, dtype=np.int64)
+        self.last_events = FrameEvents()
+        self.tracked: TrackedFrame | None = None
+
+    def predict(self, stamp_s: float) -> None:
+        """Ask for estimates at this stamp from now on."""
+        if stamp_s > self._asked_s:
+            self._asked_s = stamp_s
+
+    def observe_velocity(self, sample: VelocityObservation) -> None:
+        """Keep a velocity until the next frame asks for it."""
+        if not self._config.motion.use_odometry:
+            return
+        accepted = self.gate.velocity(sample)
+        if accepted is not None:
+            self.queue.push(accepted)
+            self.predict(accepted.stamp_s)
+
+    def observe_cones(self, frame: ConeObservations) -> Associations | None:
+        """Take a frame; return what became of its cones, None if it was stale."""
+        ticks = [time.perf_counter()]
+        accepted = self.gate.cones(frame)
+        if accepted is None:
+            return None
+        before_s, moved_m = self._stamp_s, self._advance(accepted.stamp_s)
+        dt_s = 0.0 if before_s is None else accepted.stamp_s - before_s
+        ticks.append(time.perf_counter())
+        pairs, closure = self._pair(accepted)
+        ticks.append(time.perf_counter())
+        seen = self._settle(accepted, pairs, dt_s)
+        ticks.append(time.perf_counter())
+        result = self._keep_map(accepted, pairs, seen, closure.accepted, dt_s)
+        lap = self.laps.advance(accepted.stamp_s, self.map.filter.vehicle, moved_m)
+        ticks.append(time.perf_counter())
+        self._health.frame(accepted.stamp_s, int(pairs.matched.sum()), pairs.n_known)
+        stages = ("predict", "associate", "update", "manage")
+        self.last_events = FrameEvents(
+            closure.events,
+            () if lap is None else (lap,),
+            self._health.judge(accepted.stamp_s, self.queue.newest_s)[1],
+            dict(zip(stages, (1e3 * np.diff(ticks)).tolist(), strict=True)),
+        )
+        return result
+
+    def _pair(self, frame: ConeObservations) -> tuple[Pairs, ClosureResult]:
+        """Associate a frame; a loop closure corrects the filter on the way."""
+        pairs = self._pairer.pair(self.map, frame, self._noise)
+        if self._config.start_line.forced:
+            pairs = forced_start_pairs(self._pairer, self.map, frame, pairs)
+        closure = self._closures.check(self.map, frame, pairs, self.laps.driven_m)
+        if closure.match is not None:
+            self._correct(frame, closure.match.row, closure.match.slot)
+            again = self._pairer.pair(self.map, frame, self._noise)
+            pairs = again.with_used(closure.match.row, closure.match.slot)
+        return pairs, closure
+
+    def estimate(self) -> Estimate:
+        """Return the estimate at the newest stamp asked for or observed."""
+        state, cov = self.map.filter.vehicle, self.map.filter.vehicle_cov
+        stamp_s = self._stamp_s
+        if stamp_s is None:
+            stamp_s = max(self._asked_s, 0.0)
+        elif self._asked_s > stamp_s:
+            step = self._step(state, stamp_s, self._asked_s, peek=True)
+            state, cov = step.state, step.F @ cov @ step.F.T + step.Q
+            stamp_s = self._asked_s
+        status, _ = self._health.judge(stamp_s, self.queue.newest_s)
+        return Estimate(stamp_s, state[:3], cov[:3, :3], state[3:5], status)
+
+    def _advance(self, stamp_s: float) -> float:
+        """Predict to a frame's stamp; return the distance driven.
+
+        The first frame is the origin: nothing is predicted before it.
+        """
+        before_s, self._stamp_s = self._stamp_s, stamp_s
+        if before_s is None:
+            self.queue.samples(stamp_s)
+            return 0.0
+        filter_ = self.map.filter
+        start = filter_.vehicle
+        if not self._config.motion.odometry_as_input:
+            before_s = self._correct_with_samples(before_s, stamp_s)
+        step = self._step(filter_.vehicle, before_s, stamp_s, peek=False)
+        filter_.predict(step)
+        self._noise = step.Q
+        return float(np.hypot(*(step.state[:2] - start[:2])))
+
+    def _correct_with_samples(self, before_s: float, stamp_s: float) -> float:
+        """Predict to each waiting sample and correct with it (section 4.4.2)."""
+        for sample in self.queue.samples(stamp_s):
+            if sample.stamp_s > before_s:
+                self.map.filter.predict(
+                    self._free_step(self.map.filter.vehicle, sample.stamp_s - before_s)
+                )
+                before_s = sample.stamp_s
+            self.map.filter.update_velocity(sample.u_mps, sample.r_radps, sample.cov)
+        return before_s
+
+    def _step(
+        self, state: Array, start_s: float, end_s: float, *, peek: bool
+    ) -> Prediction:
+        increment = None
+        if self._config.motion.odometry_as_input:
+            look = self.queue.peek if peek else self.queue.take
+            increment = look(start_s, end_s)
+        if not peek:
+            self._increment = increment
+        if increment is not None:
+            return predict_with_odometry(state, increment)
+        return self._free_step(state, end_s - start_s)
+
+    def _free_step(self, state: Array, dt_s: float) -> Prediction:
+        motion = self._config.motion
+        euler = motion.integration == "euler"
+        return (predict_euler if euler else predict_midpoint)(state, dt_s, motion)
+
+    def _correct(self, frame: ConeObservations, row: IntArray, slot: IntArray) -> None:
+        measured = self._config.sensor.noise_at == "measured"
+        self.map.filter.update_cones(
+            slot,
+            frame.xy_m[row],
+            frame.cov_m2[row] * self._config.sensor.scale**2,
+            model=None if measured else self.sensor,
+            iterations=self._config.backend.update_iterations,
+        )
+
+    def _settle(self, frame: ConeObservations, pairs: Pairs, dt_s: float) -> Innovation:
+        """Correct with the frame's matches; return their joint innovation."""
+        if self._config.motion.cone_velocity:
+            self._correct_with_cone_velocity(frame, pairs, dt_s)
+        row = np.flatnonzero(pairs.matched & pairs.update).astype(np.int64)
+        if len(row) == 0:
+            return Innovation(float("nan"), 0)
+        slot = pairs.slot[row]
+        cov = frame.cov_m2[row] * self._config.sensor.scale**2
+        seen = self.map.filter.innovation(slot, frame.xy_m[row], cov, self.sensor)
+        surprising = seen.nis > seen.dof + 4.0 * np.sqrt(2.0 * seen.dof)
+        if surprising and self._config.association.method != "nearest":
+            self.map.filter.inflate(SURPRISE * self._noise)
+        self._correct(frame, row, slot)
+        return seen
+
+    def _correct_with_cone_velocity(
+        self, frame: ConeObservations, pairs: Pairs, dt_s: float
+    ) -> None:
+        """Measure the velocity from the cones that the last frame showed too."""
+        last = self.last_frame
+        row = np.flatnonzero(pairs.matched)
+        ids = self.map.book.id[self.map.row[pairs.slot[row]]]
+        _, now, then = np.intersect1d(ids, self.last_ids, return_indices=True)
+        if last is None or len(now) < 3:
+            return
+        now = row[now]
+        sample = cone_velocity(
+            last.xy_m[then],
+            last.cov_m2[then],
+            frame.xy_m[now],
+            frame.cov_m2[now],
+            dt_s,
+            frame.stamp_s,
+        )
+        if sample is not None:
+            self.map.filter.update_velocity(sample.u_mps, sample.r_radps, sample.cov)
+
+    def _keep_map(
+        self,
+        frame: ConeObservations,
+        pairs: Pairs,
+        seen: Innovation,
+        closure: bool,
+        dt_s: float,
+    ) -> Associations:
+        """Record sightings, births, misses and twins; describe the frame."""
+        map_, book, driven_m = self.map, self.map.book, self.laps.driven_m
+        row = np.flatnonzero(pairs.matched)
+        book_row = map_.row[pairs.slot[row]]
+        confirmed = book.published[book_row]
+        book.hit(book_row, frame.class_prob[row], driven_m)
+        book.note_together(book_row, frame.xy_m[row], TOGETHER_M)
+        missed = self._missed(frame, pairs)
+        born = np.flatnonzero(pairs.birth & self._add_cones)
+        slot = pairs.slot.copy()
+        slot[born] = map_.add(frame.subset(born), driven_m)
+        has_id = slot >= 0
+        ids = np.full(len(frame), -1, dtype=np.int64)
+        ids[has_id] = book.id[map_.row[slot[has_id]]]
+        status = np.zeros(len(frame), dtype=np.int64)
+        status[pairs.ambiguous] = 1
+        status[row] = 2
+        status[row[confirmed]] = 3
+        status[born] = 4
+        noise = self._noise_of(frame, slot)
+        state = map_.filter.vehicle
+        deleted, merged = self._clean(missed)
+        self.tracked = TrackedFrame(
+            frame.stamp_s,
+            dt_s,
+            self._increment,
+            state,
+            ids[has_id],
+            frame.xy_m[has_id],
+            noise,
+            closure,
+            merged,
+            deleted,
+        )
+        self.last_frame, self.last_ids = frame, ids
+        d2 = np.where(np.isfinite(pairs.d2), pairs.d2, np.nan)
+        return Associations(frame.stamp_s, tuple(status), ids, d2, seen.nis, seen.dof)
+
+    def _missed(self, frame: ConeObservations, pairs: Pairs) -> IntArray:
+        """Slots of cones that this frame speaks against."""
+        config, sensor = self._config.landmarks, self.sensor
+        if not config.prune or self._config.association.method == "known":
+            return np.zeros(0, dtype=np.int64)
+        return overdue(self.map, sensor, frame, pairs, config.view_share)
+
+    def _clean(
+        self, missed: IntArray
+    ) -> tuple[tuple[int, ...], tuple[tuple[int, int], ...]]:
+        """Delete cones that are not there, unite twins, find the start gate."""
+        map_, book = self.map, self.map.book
+        assumed = self._config.landmarks.assumed_detection_probability
+        reported = self.sensor.detection_probability
+        chance = assumed if reported is None else min(assumed, 0.65 * reported)
+        book.miss(map_.row[missed], chance)
+        doomed = missed[book.doomed()[map_.row[missed]]]
+        deleted = tuple(book.id[map_.row[doomed]].tolist())
+        map_.remove(doomed)
+        self._frames += 1
+        merged: tuple[tuple[int, int], ...] = ()
+        if self._frames % MERGE_EVERY == 0:
+            known = self._config.association.method == "known"
+            if self._config.landmarks.merge_d2 > 0.0 and not known:
+                merged = map_.merge_twins()
+            self._locate_gate()
+        return deleted, merged
+
+    def _locate_gate(self) -> None:
+        """Tell the lap counter where the start cones are: the big ones, if any."""
+        map_, book = self.map, self.map.book
+        shown = book.published[map_.row]
+        prob = book.class_prob[map_.row]
+        xy = map_.filter.landmarks_m
+        big = shown & (prob.argmax(axis=1) == ConeClass.BIG_ORANGE)
+        start = shown & (self._pairer.roles(prob) == ROLE_INDEX["start"])
+        self.laps.locate_gate(xy[big if big.sum() >= 2 else start])
+
+    def _noise_of(self, frame: ConeObservations, slot: IntArray) -> Array:
+        """Sensor noise (k, 2, 2) of the rows with a cone, where it is predicted."""
+        rows = slot >= 0
+        cov = frame.cov_m2[rows] * self._config.sensor.scale**2
+        if self._config.sensor.noise_at == "measured":
+            return cov
+        predicted = self.map.filter.cones_in_car_frame()[slot[rows]]
+        return transport_covariance(cov, frame.xy_m[rows], predicted, self.sensor)
