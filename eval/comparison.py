@@ -1,0 +1,168 @@
+"""Runs side by side, row by row."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from conegraph.eval.judge import RunMetrics
+from conegraph.eval.record import Record
+from conegraph.eval.verdict import verdict
+from conegraph.io.plain import Plain
+
+Better = Literal["low", "high"] | None
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A figure that a report shows.
+
+    Attributes:
+        group: what it belongs to, such as ``Map``.
+        label: what it is.
+        unit: its unit, empty for counts and shares.
+        digits: decimals to show.
+        better: which direction is better, None if neither is as such.
+        path: where `RunMetrics.to_dict` has it, keys joined by dots.
+    """
+
+    group: str
+    label: str
+    unit: str
+    digits: int
+    better: Better
+    path: str
+
+
+_MAP, _PATH, _SMOOTHED = "Map", "Path while driving", "Path, smoothed"
+_CLOSE, _STATUS, _TIME = "Laps", "Status", "Time per frame"
+FIGURES: tuple[Figure, ...] = (
+    Figure(_MAP, "RMSE, aligned", "m", 3, "low", "map.rmse_aligned_m"),
+    Figure(_MAP, "RMSE, start frame", "m", 3, "low", "map.start_frame.rmse_m"),
+    Figure(_MAP, "greatest error, aligned", "m", 3, "low", "map.max_aligned_m"),
+    Figure(_MAP, "precision", "", 3, "high", "map.precision"),
+    Figure(_MAP, "recall, observable cones", "", 3, "high", "map.recall"),
+    Figure(_MAP, "recall, all cones", "", 3, "high", "map.recall_all"),
+    Figure(_MAP, "duplicates", "", 0, "low", "map.duplicates"),
+    Figure(_MAP, "false cones", "", 0, "low", "map.false_cones"),
+    Figure(_MAP, "colour errors", "", 0, "low", "map.colour.errors"),
+    Figure(_MAP, "orange size confused", "", 0, "low", "map.colour.orange_size"),
+    Figure(_MAP, "colour left unknown", "", 0, "low", "map.colour.unknown"),
+    Figure(_MAP, "error²/covariance, 1 is right", "", 2, None, "map.nees_per_dof"),
+    Figure(_MAP, "nearest RMSE (lenient)", "m", 3, None, "map.lenient_nearest_rmse_m"),
+    Figure(_PATH, "ATE, aligned", "m", 3, "low", "trajectory.ate_se2.rmse_m"),
+    Figure(
+        _PATH, "ATE from first pose", "m", 3, "low", "trajectory.ate_first_pose.rmse_m"
+    ),
+    Figure(_PATH, "ATE as written", "m", 3, None, "trajectory.ate_as_written.rmse_m"),
+    Figure(_PATH, "yaw error, aligned", "deg", 2, "low", "trajectory.yaw_rmse_deg"),
+    Figure(_PATH, "RPE over 1 m", "m", 4, "low", "trajectory.rpe.0.rmse_m"),
+    Figure(_PATH, "RPE over 10 m", "m", 3, "low", "trajectory.rpe.1.rmse_m"),
+    Figure(_PATH, "final drift", "%", 2, "low", "trajectory.final_drift_percent"),
+    Figure(_SMOOTHED, "ATE, aligned", "m", 3, "low", "smoothed.ate_se2.rmse_m"),
+    Figure(
+        _SMOOTHED,
+        "ATE from first pose",
+        "m",
+        3,
+        "low",
+        "smoothed.ate_first_pose.rmse_m",
+    ),
+    Figure(_SMOOTHED, "yaw error, aligned", "deg", 2, "low", "smoothed.yaw_rmse_deg"),
+    Figure("Association", "precision", "", 4, "high", "association.precision"),
+    Figure("Association", "recall", "", 4, "high", "association.recall"),
+    Figure("Association", "split cones", "", 0, "low", "association.split_cones"),
+    Figure(_CLOSE, "laps counted", "", 0, None, "closures.laps"),
+    Figure(_CLOSE, "closures accepted", "", 0, None, "closures.accepted"),
+    Figure(_CLOSE, "closures rejected", "", 0, None, "closures.rejected"),
+    Figure(_STATUS, "frames", "", 0, None, "status.frames"),
+    Figure(_STATUS, "frames DEGRADED", "", 0, "low", "status.by_status.DEGRADED"),
+    Figure(_STATUS, "frames LOST", "", 0, "low", "status.by_status.LOST"),
+    Figure(_STATUS, "resets", "", 0, "low", "status.resets"),
+    Figure(_TIME, "p50", "ms", 2, "low", "latency_ms.frame.p50"),
+    Figure(_TIME, "p95", "ms", 2, "low", "latency_ms.frame.p95"),
+    Figure(_TIME, "p99", "ms", 2, "low", "latency_ms.frame.p99"),
+    Figure(_TIME, "max", "ms", 2, "low", "latency_ms.frame.max"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One figure of all runs: values in the order of the runs, None where missing."""
+
+    figure: Figure
+    values: tuple[float | None, ...]
+
+    @property
+    def title(self) -> str:
+        """The label with its unit."""
+        unit = self.figure.unit
+        return f"{self.figure.label} [{unit}]" if unit else self.figure.label
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """The values as text, a dash where there is none."""
+        digits = self.figure.digits
+        return tuple("-" if v is None else f"{v:.{digits}f}" for v in self.values)
+
+    @property
+    def best(self) -> frozenset[int]:
+        """Runs that are best to the digits shown; empty where none stands out."""
+        shown = {i: float(c) for i, c in enumerate(self.cells) if c != "-"}
+        if self.figure.better is None or len(set(shown.values())) < 2:
+            return frozenset()
+        best = (min if self.figure.better == "low" else max)(shown.values())
+        return frozenset(i for i, value in shown.items() if value == best)
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison(Record):
+    """The runs side by side.
+
+    Attributes:
+        verdict: what the runs show, effect first.
+        names: the runs.
+        rows: the figures that at least one run has.
+        warnings: what is odd, with the run it concerns unless it concerns all.
+    """
+
+    verdict: str
+    names: tuple[str, ...]
+    rows: tuple[Row, ...]
+    warnings: tuple[str, ...]
+
+
+def compare(metrics: Mapping[str, RunMetrics]) -> Comparison:
+    """Put runs over the same stream side by side."""
+    plain = {name: m.to_dict() for name, m in metrics.items()}
+    rows = [
+        Row(figure, tuple(_look_up(run, figure.path) for run in plain.values()))
+        for figure in FIGURES
+    ]
+    return Comparison(
+        verdict=verdict(metrics),
+        names=tuple(metrics),
+        rows=tuple(row for row in rows if any(v is not None for v in row.values)),
+        warnings=_warnings(metrics),
+    )
+
+
+def _look_up(plain: Plain, path: str) -> float | None:
+    value = plain
+    for key in path.split("."):
+        if isinstance(value, dict):
+            value = value.get(key)
+        elif isinstance(value, list):
+            value = value[int(key)]
+    return float(value) if isinstance(value, int | float) else None
+
+
+def _warnings(metrics: Mapping[str, RunMetrics]) -> tuple[str, ...]:
+    said = {w: None for m in metrics.values() for w in m.warnings}
+    result = []
+    for warning in said:
+        names = [name for name, m in metrics.items() if warning in m.warnings]
+        everyone = len(names) == len(metrics)
+        result.append(warning if everyone else f"{', '.join(names)}: {warning}")
+    return tuple(result)

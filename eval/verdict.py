@@ -1,0 +1,133 @@
+"""What one run of each back end allows to be said, and no more."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+
+from conegraph.eval.judge import RunMetrics
+
+SHOWN_RATIO = 1.1
+"""Two errors closer than this are not told apart: another seed moves them more."""
+
+SHOWN_M = 0.005
+"""Nor are errors that differ by less than 5 mm, whatever their ratio."""
+
+SHOWN_SHARE = 0.02
+"""Shares of cones that differ by less say nothing: 2 of 100 cones."""
+
+ONE_RUN = (
+    "This is one run of each over one stream: it shows what happened here, not which "
+    "is better in general."
+)
+_Values = dict[str, float]
+
+
+def verdict(metrics: Mapping[str, RunMetrics]) -> str:
+    """Return a verdict: effect first, "no difference shown" where there is none."""
+    if not metrics:
+        return "Nothing was run, so there is nothing to compare."
+    judged = any(
+        m.map is not None or m.trajectory is not None for m in metrics.values()
+    )
+    if not judged:
+        return f"There is no truth to judge accuracy by. {_speed(metrics)}".strip()
+    map_error = _values(metrics, lambda m: m.map.rmse_aligned_m if m.map else math.nan)
+    recall = _values(metrics, lambda m: m.map.recall if m.map else math.nan)
+    precision = _values(metrics, lambda m: m.map.precision if m.map else math.nan)
+    path_error = _values(
+        metrics, lambda m: m.trajectory.ate_se2.rmse_m if m.trajectory else math.nan
+    )
+    if len(metrics) == 1:
+        return _alone(metrics, map_error, recall, precision, path_error)
+    said = [
+        _without_map(metrics, map_error),
+        _share_contest("misses the most cones", "recall", recall),
+        _share_contest("has the most cones that are not there", "precision", precision),
+        _error_contest("map", "aligned RMSE", map_error),
+        _error_contest("path", "aligned ATE while driving", path_error),
+        ONE_RUN,
+    ]
+    return " ".join(sentence for sentence in said if sentence)
+
+
+def _values(
+    metrics: Mapping[str, RunMetrics], figure: Callable[[RunMetrics], float]
+) -> _Values:
+    values = {name: figure(m) for name, m in metrics.items()}
+    return {name: value for name, value in values.items() if math.isfinite(value)}
+
+
+def _any_map(metrics: Mapping[str, RunMetrics]) -> bool:
+    return any(m.map is not None for m in metrics.values())
+
+
+def _without_map(metrics: Mapping[str, RunMetrics], map_error: _Values) -> str:
+    names = [name for name in metrics if name not in map_error]
+    if not names or not _any_map(metrics):
+        return ""
+    return f"{' and '.join(names)} made no map that fits the truth anywhere."
+
+
+def _error_contest(what: str, measure: str, values: _Values) -> str:
+    if len(values) < 2:
+        return ""
+    ranked = sorted(values.items(), key=lambda item: item[1])
+    best, least = ranked[0]
+    limit = max(SHOWN_RATIO * least, least + SHOWN_M)
+    level = [name for name, value in ranked if value <= limit]
+    behind = [name for name, value in ranked if value > limit]
+    figures = f"({measure}: {', '.join(f'{name} {v:.3f} m' for name, v in ranked)})"
+    if not behind:
+        return f"No difference shown in the {what} {figures}."
+    if len(level) > 1:
+        return (
+            f"No difference shown in the {what} between {' and '.join(level)}; "
+            f"{' and '.join(behind)} is farther from the truth {figures}."
+        )
+    percent = 100.0 * (1.0 - least / values[behind[0]])
+    return (
+        f"{best}'s {what} is {percent:.0f} % closer to the truth than {behind[0]}'s "
+        f"{figures}."
+    )
+
+
+def _share_contest(claim: str, measure: str, values: _Values) -> str:
+    if len(values) < 2:
+        return ""
+    ranked = sorted(values.items(), key=lambda item: item[1])
+    if ranked[-1][1] - ranked[0][1] < SHOWN_SHARE:
+        return ""
+    figures = ", ".join(f"{name} {value:.3f}" for name, value in ranked)
+    return f"{ranked[0][0]} {claim} ({measure}: {figures})."
+
+
+def _alone(
+    metrics: Mapping[str, RunMetrics],
+    map_error: _Values,
+    recall: _Values,
+    precision: _Values,
+    path_error: _Values,
+) -> str:
+    (name,) = metrics
+    parts = []
+    if map_error:
+        parts.append(
+            f"the map is {map_error[name]:.3f} m off (aligned RMSE, recall "
+            f"{recall[name]:.3f}, precision {precision[name]:.3f})"
+        )
+    elif _any_map(metrics):
+        parts.append("the map does not fit the truth anywhere")
+    if path_error:
+        parts.append(f"the path {path_error[name]:.3f} m (aligned ATE while driving)")
+    return f"{name}: {' and '.join(parts)}." if parts else f"{name}: no figure."
+
+
+def _speed(metrics: Mapping[str, RunMetrics]) -> str:
+    times = {
+        name: m.latency_ms["frame"].p50
+        for name, m in metrics.items()
+        if "frame" in m.latency_ms
+    }
+    figures = ", ".join(f"{name} {ms:.2f} ms" for name, ms in times.items())
+    return f"A median frame took {figures}." if times else ""
