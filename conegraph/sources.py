@@ -1,0 +1,220 @@
+"""From the text of a SOURCE to something that yields events."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from conegraph.errors import SourceError
+
+if TYPE_CHECKING:
+    from conegraph.types import Recording, Source, TrackLayout
+
+SCHEMES = ("mrclam", "victoria-park", "sim")
+NOT_YET = {
+    "realsense": "live cameras",
+    ".bag": "ROS and RealSense recordings",
+    ".db3": "ROS and RealSense recordings",
+    ".mcap": "ROS recordings",
+    "metadata.yaml": "ROS recordings",
+    "rgb.txt": "RGB-D sequences",
+}
+MAX_LAPS = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class SimOptions:
+    """How to drive a track in the simulator.
+
+    Attributes:
+        laps: laps to complete.
+        seed: seed of everything random.
+        sensor: ``camera`` or ``lidar``.
+        odometry: whether wheels and gyro are recorded too.
+    """
+
+    laps: int = 2
+    seed: int = 0
+    sensor: str = "camera"
+    odometry: bool = True
+
+
+def open_source(text: str, *, seed: int = 0) -> Source:
+    """Open what a SOURCE names.
+
+    Args:
+        text: a folder with a cone log, ``mrclam:FOLDER/RobotN``,
+            ``victoria-park[:FILE]`` or
+            ``sim:TRACK[?laps=N&seed=N&sensor=camera|lidar&odometry=on|off]``.
+        seed: seed of a simulated source that names none.
+
+    Raises:
+        SourceError: it names nothing that can be opened; the text says why.
+        FileFormatError: the file is there, and is not what it should be.
+    """
+    scheme, colon, rest = text.partition(":")
+    if scheme == "sim" and colon:
+        track, _, query = rest.partition("?")
+        return simulate_track(track, parse_sim_query(query, seed=seed))
+    if scheme == "mrclam" and colon:
+        return _open_mrclam(rest)
+    if scheme == "victoria-park":
+        from conegraph.io.victoria_park import read_victoria_park
+
+        return read_victoria_park(_existing(rest) if rest else None)
+    if scheme in NOT_YET:
+        raise _not_yet(text, scheme)
+    return _open_path(text)
+
+
+def simulate_track(track: str, options: SimOptions) -> Recording:
+    """Drive a track, given as a file or by a built-in name, in the simulator.
+
+    The truth is in the frame of the car at its start, the world of the estimates.
+
+    Raises:
+        SourceError: neither a file nor a built-in name.
+        FileFormatError: the file is no track.
+    """
+    from conegraph.sim.cone_sensor import CAMERA, LIDAR
+    from conegraph.sim.drive import simulate
+    from conegraph.sim.odometry import OdometrySensor
+
+    return simulate(
+        _layout(track, options.seed),
+        laps=options.laps,
+        seed=options.seed,
+        sensor=LIDAR if options.sensor == "lidar" else CAMERA,
+        odometry=OdometrySensor() if options.odometry else None,
+        origin="start",
+    )
+
+
+def parse_sim_query(query: str, *, seed: int = 0) -> SimOptions:
+    """Read ``laps=3&sensor=lidar`` and so on; what is left out keeps its default.
+
+    Raises:
+        SourceError: an unknown key (the nearest is named) or a value that is none.
+    """
+    options = SimOptions(seed=seed)
+    for item in filter(None, query.split("&")):
+        key, _, value = item.partition("=")
+        match key:
+            case "laps":
+                options = replace(options, laps=_whole(item, value, 1, MAX_LAPS))
+            case "seed":
+                options = replace(options, seed=_whole(item, value, 0, 2**63 - 1))
+            case "sensor":
+                _one_of(item, value, ("camera", "lidar"))
+                options = replace(options, sensor=value)
+            case "odometry":
+                _one_of(item, value, ("on", "off"))
+                options = replace(options, odometry=value == "on")
+            case _:
+                keys = tuple(SimOptions.__dataclass_fields__)
+                raise SourceError(
+                    f"sim: has no key {key!r}{_hint(key, keys)} "
+                    f"(it has {', '.join(keys)})"
+                )
+    return options
+
+
+def _whole(item: str, value: str, low: int, high: int) -> int:
+    if not (value.isascii() and value.isdigit() and low <= int(value) <= high):
+        raise SourceError(f"sim: {item!r}: expected a whole number, {low} to {high}")
+    return int(value)
+
+
+def _one_of(item: str, value: str, allowed: tuple[str, ...]) -> None:
+    if value not in allowed:
+        raise SourceError(f"sim: {item!r}: expected {' or '.join(allowed)}")
+
+
+def _layout(track: str, seed: int) -> TrackLayout:
+    from conegraph.io.tracks import read_track
+    from conegraph.sim.track_shapes import BUILT_IN_TRACKS, built_in_track
+
+    if track in BUILT_IN_TRACKS:
+        return built_in_track(track, seed)
+    path = Path(track)
+    if track and path.is_file():
+        return read_track(path)
+    names = ", ".join(BUILT_IN_TRACKS)
+    near = _hint(track, [*BUILT_IN_TRACKS, *_siblings(path)])
+    raise SourceError(f"sim:{track}: neither a track file nor one of {names}{near}")
+
+
+def _open_mrclam(rest: str) -> Recording:
+    from conegraph.io.mrclam import read_mrclam
+
+    path = Path(rest)
+    folder = _existing(str(path.parent))
+    robots = sorted(
+        file.name.removesuffix("_Odometry.dat")
+        for file in folder.glob("*_Odometry.dat")
+    )
+    if path.name not in robots:
+        there = ", ".join(robots) or "none"
+        raise SourceError(
+            f"mrclam:{rest}: no {path.name}_Odometry.dat in {folder} (robots there: "
+            f"{there}); write mrclam:FOLDER/RobotN"
+        )
+    return read_mrclam(folder, path.name)
+
+
+def _open_path(text: str) -> Recording:
+    from conegraph.io.cone_log import read_cone_log
+
+    path = _existing(text)
+    names = {path.suffix} if path.is_file() else _names_in(path)
+    if names & {"cones.csv", "cones.csv.gz"}:
+        return read_cone_log(path)
+    for mark in NOT_YET:
+        if mark in names:
+            raise _not_yet(text, mark)
+    if path.is_dir():
+        if "Barcodes.dat" in names:
+            raise SourceError(f"{text}: for a robot's drive write mrclam:{text}/Robot1")
+        raise SourceError(f"{text}: no cones.csv in this folder, so no cone log")
+    if path.name.startswith("cones.csv"):
+        raise SourceError(f"{text}: give the folder, {path.parent}, not the file")
+    raise SourceError(
+        f"{text}: a file is no SOURCE by itself; to drive it as a track write "
+        f"sim:{text}"
+    )
+
+
+def _names_in(folder: Path) -> set[str]:
+    files = [file.name for file in folder.iterdir()]
+    return {*files, *(Path(name).suffix for name in files)}
+
+
+def _existing(text: str) -> Path:
+    if not text:
+        raise SourceError("give a SOURCE: a folder with a cone log, or sim:oval")
+    path = Path(text)
+    try:
+        if path.exists():
+            return path
+    except OSError as error:
+        raise SourceError(f"{text[:80]}: {error.strerror}") from None
+    hint = _hint(text, [*(f"{scheme}:" for scheme in SCHEMES), *_siblings(path)])
+    raise SourceError(f"{text}: no such file or folder{hint}")
+
+
+def _siblings(path: Path) -> list[str]:
+    if not path.parent.is_dir():
+        return []
+    return [str(path.parent / file.name) for file in path.parent.iterdir()]
+
+
+def _not_yet(text: str, mark: str) -> SourceError:
+    return SourceError(f"{text}: {NOT_YET[mark]} are not supported yet")
+
+
+def _hint(given: str, valid: Iterable[str]) -> str:
+    near = get_close_matches(given, list(valid), n=1)
+    return f"; did you mean {near[0]}?" if near else ""
