@@ -102,4 +102,7 @@ def test_too_few_cones_make_no_chain(count: int) -> None:
 def test_cones_on_one_line_make_no_chain() -> None:
     x = np.arange(10.0)
     line = np.column_stack([x, 2 * x])
-    assert contours(line, line + (20, 40), neighbour_walls(line, line[:0])) == []
+    assert (
+        contours(line, line + np.array([20.0, 40.0]), neighbour_walls(line, line[:0]))
+        == []
+    )

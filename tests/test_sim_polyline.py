@@ -70,7 +70,19 @@ def test_smoothing_keeps_the_ends_and_the_spacing_of_an_open_line() -> None:
     np.testing.assert_allclose(line[[0, -1]], corner[[0, -1]], atol=1e-6)
     steps = np.hypot(*np.diff(line, axis=0).T)
     np.testing.assert_allclose(steps, steps.mean(), rtol=5e-3)
-    assert np.abs(polyline.curvature(line, closed=False)).max() < 0.9
+
+
+def test_a_right_angle_is_rounded_as_twicing_predicts() -> None:
+    """At the corner p' = (1, 1) / 2 and p'' = (-a, a), so the curvature is 2^1.5 a.
+
+    A blurred ramp has the Gaussian for its second derivative, twicing twice that
+    less the Gaussian of a sqrt(2) wider blur: a = (2 - 1/sqrt(2)) / (s sqrt(2 pi)).
+    """
+    corner = np.array([[0.0, 0.0], [20.0, 0.0], [20.0, 20.0]])
+    line = polyline.smooth(corner, 2.0, 0.1, closed=False)
+    sharpest = polyline.curvature(line, closed=False).max()
+    expected = 2**1.5 * (2 - 0.5**0.5) / (2.0 * np.sqrt(2 * np.pi))
+    assert sharpest == pytest.approx(expected, rel=0.01)
 
 
 @given(st.floats(0, 2 * np.pi), st.floats(-3.0, 3.0))
