@@ -61,7 +61,7 @@ class Backend(Protocol):
         ...
 
     @property
-    def last_frame(self) -> ConeObservations:
+    def last_frame(self) -> ConeObservations | None:
         """The last accepted frame, without the rows that the gate rejected."""
         ...
 

@@ -75,11 +75,35 @@ class LocalMap:
         self.book.keep(keep_row)
         self.row = new_row[self.row[keep_slot]].astype(np.int64)
 
-    def load(self, state: Array, cov: Array, ids: IntArray) -> None:
-        """Replace the filter's contents by these cones of the book."""
-        place = {int(i): n for n, i in enumerate(self.book.id)}
-        self.row = np.array([place[int(i)] for i in ids], dtype=np.int64)
+    def load(
+        self, state: Array, cov: Array, ids: IntArray, all_ids: IntArray, all_m: Array
+    ) -> None:
+        """Let the filter hold these cones, and tell the book where all cones are.
+
+        Cones that the book has given up are left out.
+
+        Args:
+            state: (6 + 2 n,) the car and n cones.
+            cov: covariance of these.
+            ids: (n,) the cones' ids.
+            all_ids: (m,) ids of every cone.
+            all_m: (m, 2) their positions.
+        """
+        place = {int(i): row for row, i in enumerate(self.book.id)}
+        for cone, xy in zip(all_ids.tolist(), all_m, strict=True):
+            if cone in place:
+                self.book.xy_m[place[cone]] = xy
+        kept = np.array([i in place for i in ids.tolist()], dtype=bool)
+        rows = [place[i] for i in ids[kept].tolist()]
+        self.row = np.array(rows, dtype=np.int64)
         self.filter.load(state, cov)
+        self.filter.keep(kept)
+
+    def release(self) -> None:
+        """Let the filter hold no cone any more; the book keeps them all."""
+        self.sync()
+        self.filter.keep(np.zeros(len(self.row), dtype=bool))
+        self.row = self.row[:0]
 
     def sync(self) -> None:
         """Copy positions and covariances from the filter into the book."""

@@ -20,9 +20,6 @@ from conegraph.types import Array, VelocityObservation
 NV = 6
 """Length of the car's state."""
 
-GYRO_BIAS_WALK = 2e-5
-"""Random walk of the gyro bias, rad/s per square root of second: a MEMS gyro's."""
-
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
@@ -109,7 +106,9 @@ def predict_euler(state: Array, dt_s: float, config: MotionConfig) -> Prediction
     return Prediction(new, F, np.diag(sigma**2))
 
 
-def predict_with_odometry(state: Array, increment: OdometryIncrement) -> Prediction:
+def predict_with_odometry(
+    state: Array, increment: OdometryIncrement, config: MotionConfig
+) -> Prediction:
     """Move the pose by integrated odometry and take over its last velocity.
 
     With ``d(b) = delta + J b`` (``b`` the yaw-rate bias):
@@ -135,7 +134,8 @@ def predict_with_odometry(state: Array, increment: OdometryIncrement) -> Predict
     Q = np.zeros((NV, NV))
     Q[:3, :3] = turn @ increment.cov @ turn.T
     Q[3:5, 3:5] = increment.velocity_cov
-    Q[5, 5] = GYRO_BIAS_WALK**2 * increment.dt_s
+    if config.gyro_bias_sigma_radps > 0.0:
+        Q[5, 5] = config.gyro_bias_walk**2 * increment.dt_s
     return Prediction(new, F, Q)
 
 
@@ -204,7 +204,7 @@ def _sum_segments(
     slip = config.slip_sigma_m_per_sqrt_m**2 * np.abs(step)
     sideways = np.stack([-s, c], axis=1)
     cov[:2, :2] += np.einsum("n,ni,nj->ij", slip, sideways, sideways)
-    cov += np.diag([1e-10, 1e-10, 1e-12])
+    cov += np.diag([1e-8, 1e-8, 1e-9])
     bias_jacobian = -np.einsum("nij,nj->i", jac[:, :, 1:], dt[:, None])
     return OdometryIncrement(
         float(dt.sum()), delta, cov, bias_jacobian, last, np.array(last_cov)

@@ -30,6 +30,9 @@ FEW_MATCHES = 0.7
 RESCUE = 24.0
 """Factor on the process noise that a second try adds to the car."""
 
+MAX_DOUBLINGS = 8
+"""How often that factor doubles at most."""
+
 CROWDED_M = 25.0
 """Beyond this, cones hide each other too often for a missing one to mean much."""
 
@@ -72,13 +75,14 @@ class Pairs:
 
 
 class FramePairer:
-    """Pairs frames with a map; it remembers nothing between frames."""
+    """Pairs frames with a map; it remembers only how many frames in a row failed."""
 
     def __init__(self, config: Config, sensor: SensorModel) -> None:
         """Take methods and gates from the configuration."""
         self._config = config
         self._sensor = sensor
         roles = config.roles.model_dump()
+        self._failures = 0
         self._role = np.array([ROLE_INDEX[roles[label]] for label in CLASS_LABELS])
 
     def roles(self, class_prob: Array) -> IntArray:
@@ -91,8 +95,8 @@ class FramePairer:
 
         If fewer than `FEW_MATCHES` of the cones in the known area match, the car
         may have moved more than its model allows: with `noise` (6, 6) added
-        `RESCUE` times the pairing is tried again and kept if at least two more
-        match; then the added noise stays in the filter.
+        `RESCUE` times, doubled for every frame in a row that failed, the pairing is
+        tried again. It is kept if more match, and then so is the added noise.
         """
         visible = map_.visible(self._sensor)
         predicted = map_.filter.predict_cones(visible)
@@ -101,18 +105,20 @@ class FramePairer:
         known = gap.min(axis=1, initial=np.inf) < KNOWN_AREA_M
         n_known = int(known.sum())
         hits = int((first.matched & known).sum())
-        if (
-            self._config.association.method == "sequential"
-            and n_known >= 3
-            and hits < FEW_MATCHES * n_known
-        ):
-            map_.filter.inflate(RESCUE * noise)
+        sure_ids = self._knows_ids(frame)
+        enough = n_known >= (1 if sure_ids else 3)
+        checked = self._config.association.method != "nearest"
+        if checked and enough and hits < FEW_MATCHES * n_known:
+            doubt = RESCUE * 2.0 ** min(self._failures, MAX_DOUBLINGS) * noise
+            map_.filter.inflate(doubt)
             again = self._associate(map_, frame, map_.filter.predict_cones(visible))
             better = int((again.matched & known).sum())
-            if better > hits + 1:
+            if better > hits + (0 if sure_ids else 1):
                 first, hits = again, better
             else:
-                map_.filter.inflate(-RESCUE * noise)
+                map_.filter.inflate(-doubt)
+        failed = enough and hits < 0.5 * n_known
+        self._failures = self._failures + 1 if failed else 0
         pairs = self._decide(first, visible, n_known, hits)
         if frame.truth_id is not None and self._knows_ids(frame):
             unseen = ~np.isin(frame.truth_id, map_.book.truth_id)

@@ -8,6 +8,7 @@ cones near the car and replaces its contents whenever the graph has been solved.
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -127,6 +128,11 @@ class Tracker:
         self.last_events = FrameEvents()
         self.tracked: TrackedFrame | None = None
 
+    @property
+    def rejected(self) -> Mapping[str, int]:
+        """Inputs that the gate rejected, counted by reason."""
+        return self.gate.rejected
+
     def predict(self, stamp_s: float) -> None:
         """Ask for estimates at this stamp from now on."""
         if stamp_s > self._asked_s:
@@ -231,7 +237,7 @@ class Tracker:
         if not peek:
             self._increment = increment
         if increment is not None:
-            return predict_with_odometry(state, increment)
+            return predict_with_odometry(state, increment, self._config.motion)
         return self._free_step(state, end_s - start_s)
 
     def _free_step(self, state: Array, dt_s: float) -> Prediction:
@@ -331,7 +337,9 @@ class Tracker:
         )
         self.last_frame, self.last_ids = frame, ids
         d2 = np.where(np.isfinite(pairs.d2), pairs.d2, np.nan)
-        return Associations(frame.stamp_s, tuple(status), ids, d2, seen.nis, seen.dof)
+        return Associations(
+            frame.stamp_s, tuple(STATUS[i] for i in status), ids, d2, seen.nis, seen.dof
+        )
 
     def _missed(self, frame: ConeObservations, pairs: Pairs) -> IntArray:
         """Slots of cones that this frame speaks against."""

@@ -91,7 +91,7 @@ class MotionConfig(Section):
     """Forward acceleration that the car may have, as process noise."""
     yaw_accel_sigma_radps2: Positive = 4.0
     """Yaw acceleration that the car may have, as process noise."""
-    slip_sigma_m_per_sqrt_m: NonNegative = 0.002
+    slip_sigma_m_per_sqrt_m: NonNegative = 0.01
     """Sideways random walk of the wheels' path, per square root of metre driven."""
     use_odometry: bool = True
     """Whether velocities from outside (wheels, gyro) drive the prediction."""
@@ -102,7 +102,9 @@ class MotionConfig(Section):
     """How long the last odometry sample is trusted when no newer one comes; real
     logs have gaps of a second."""
     gyro_bias_sigma_radps: NonNegative = 0.01
-    """Prior on the constant bias of odometry's yaw rate; 0 leaves it out."""
+    """Prior on the bias of odometry's yaw rate; 0 leaves it out."""
+    gyro_bias_walk: NonNegative = 3e-4
+    """Random walk of that bias, rad/s per square root of second."""
     start_speed_sigma_mps: NonNegative = 2.0
     """Doubt about standing still at the first frame; the thesis has none."""
     cone_velocity: bool = False

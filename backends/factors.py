@@ -1,0 +1,184 @@
+"""The factors of the cone graph, all native to gtsam: no Python in its solver.
+
+Variables: pose ``x_k`` (Pose2) of every frame, body velocity ``v_k`` (u, v, r)
+where no odometry spans the interval, cone ``l_i`` (Point2), and the yaw-rate bias
+``b_j`` of the odometry in each stretch of time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import B, L, V, X
+
+from conegraph.backends.motion import OdometryIncrement
+from conegraph.backends.sensor_noise import bearing_range_covariance
+from conegraph.config import Isam2Config, MotionConfig
+from conegraph.types import Array, IntArray
+
+ORIGIN_SIGMAS = np.array([1e-3, 1e-3, 1e-4])
+"""The first frame is the world; a weaker anchor lets the whole map sway."""
+
+KNOWN_MAP_SIGMAS = np.array([0.5, 0.5, 0.1])
+"""On a given map the car starts near its origin, but not exactly there."""
+
+NON_HOLONOMIC_SIGMAS = np.array([20.0, 0.05, 20.0])
+"""A car does not move sideways; about u and r the prior says nothing."""
+
+SIDEWAYS_DENSITY = 0.05
+"""Power spectral density of the sideways acceleration, m^2/s^3."""
+
+ONE_CONE_SIGMA_M = 0.003
+"""How exactly two variables that are one cone coincide."""
+
+
+def start_prior(sigmas: Array) -> gtsam.NonlinearFactor:
+    """Hold pose ``x_0`` at the origin, sigmas (3,) in m, m, rad."""
+    noise = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
+    return gtsam.PriorFactorPose2(X(0), gtsam.Pose2(), noise)
+
+
+def bias_prior(sigma_radps: float) -> gtsam.NonlinearFactor:
+    """Hold the first yaw-rate bias near zero."""
+    noise = gtsam.noiseModel.Isotropic.Sigma(1, sigma_radps)
+    return gtsam.PriorFactorVector(B(0), np.zeros(1), noise)
+
+
+def bias_walk(segment: int, dt_s: float, walk: float) -> gtsam.NonlinearFactor:
+    """Join the bias of a segment to that of the segment before."""
+    noise = gtsam.noiseModel.Isotropic.Sigma(1, walk * np.sqrt(dt_s))
+    return gtsam.BetweenFactorVector(B(segment - 1), B(segment), np.zeros(1), noise)
+
+
+def known_cone_prior(cone: int, xy_m: Array, cov_m2: Array) -> gtsam.NonlinearFactor:
+    """Hold a cone of a given map where the map has it."""
+    noise = gtsam.noiseModel.Gaussian.Covariance(cov_m2)
+    return gtsam.PriorFactorPoint2(L(cone), xy_m, noise)
+
+
+def velocity_prior(k: int, velocity: Array, sigmas: Array) -> gtsam.NonlinearFactor:
+    """Hold the body velocity ``v_k`` (u, 0, r) near a measured one (2,)."""
+    mean = np.array([velocity[0], 0.0, velocity[1]])
+    noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([sigmas[0], 0.05, sigmas[1]]))
+    return gtsam.PriorFactorVector(V(k), mean, noise)
+
+
+def free_motion(
+    k: int, before_s: float, now_s: float, motion: MotionConfig
+) -> list[gtsam.NonlinearFactor]:
+    """Join ``x_{k-1}, v_{k-1}`` and ``x_k, v_k`` by white noise on acceleration.
+
+    The accelerations of the EKF's process noise, constant over a step dt, have the
+    spectral densities ``sigma^2 dt``. (Barfoot, Tong and Sarkka, "Batch continuous-
+    time trajectory estimation as exactly sparse Gaussian process regression", 2014.)
+    """
+    dt = now_s - before_s
+    density = np.array(
+        [
+            motion.accel_sigma_mps2**2 * dt,
+            SIDEWAYS_DENSITY,
+            motion.yaw_accel_sigma_radps2**2 * dt,
+        ]
+    )
+    before = gtsam.StateData(X(k - 1), V(k - 1), before_s)
+    now = gtsam.StateData(X(k), V(k), now_s)
+    straight = gtsam.noiseModel.Diagonal.Sigmas(NON_HOLONOMIC_SIGMAS)
+    return [
+        gtsam.WnoaMotionFactorPose2(before, now, density),
+        gtsam.PriorFactorVector(V(k), np.zeros(3), straight),
+    ]
+
+
+def odometry_motion(
+    k: int,
+    increment: OdometryIncrement,
+    before: Array,
+    bias: tuple[int, float] | None,
+) -> gtsam.NonlinearFactor:
+    """Join ``x_{k-1}`` and ``x_k`` by integrated odometry, and the bias to both.
+
+    Without a bias a plain `BetweenFactorPose2`. With one, the residual
+    ``Log(d(b)^-1 x_{k-1}^-1 x_k)``, ``d(b) = delta + J b``, is linearised where the
+    tracker was, at ``before`` (3,) and the given bias (its segment and value). Its Jacobians
+    ``-Ad(d^-1), I, -R(d)' J`` do not depend on where in the world the poses are: a
+    closure that turns the map by t leaves an error of ``|d| t^2 / 2``.
+    """
+    cov = increment.cov
+    if bias is None:
+        noise = gtsam.noiseModel.Gaussian.Covariance(_body_cov(increment.delta, cov))
+        return gtsam.BetweenFactorPose2(
+            X(k - 1), X(k), gtsam.Pose2(*increment.delta), noise
+        )
+    segment, value = bias
+    moved = increment.delta + increment.bias_jacobian * value
+    step = gtsam.Pose2(*moved)
+    turn = np.eye(3)
+    turn[:2, :2] = step.rotation().matrix().T
+    whiten = np.linalg.inv(np.linalg.cholesky(_body_cov(moved, cov)))
+    by_bias = -(turn @ increment.bias_jacobian)[:, None]
+    linear = gtsam.JacobianFactor(
+        X(k - 1),
+        -whiten @ step.inverse().AdjointMap(),
+        X(k),
+        whiten,
+        B(segment),
+        whiten @ by_bias,
+        np.zeros(3),
+        gtsam.noiseModel.Unit.Create(3),
+    )
+    at = gtsam.Values()
+    at.insert(X(k - 1), gtsam.Pose2(*before))
+    at.insert(X(k), gtsam.Pose2(*before).compose(step))
+    at.insert(B(segment), np.array([value]))
+    return gtsam.LinearContainerFactor(linear, at)
+
+
+def _body_cov(delta: Array, cov: Array) -> Array:
+    """Turn the covariance (3, 3) of an increment into its end's body frame."""
+    c, s = np.cos(delta[2]), np.sin(delta[2])
+    turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    rotated: Array = turn @ cov @ turn.T
+    return rotated
+
+
+def cone_factors(
+    k: int, cone: IntArray, xy_m: Array, cov_m2: Array, config: Isam2Config
+) -> Sequence[gtsam.NonlinearFactor]:
+    """Join ``x_k`` to cones by bearing and range with their full 2x2 covariance.
+
+    Args:
+        k: the frame.
+        cone: (n,) ids.
+        xy_m: (n, 2) where they were seen, car frame.
+        cov_m2: (n, 2, 2) their covariances there.
+        config: robust kernel (Cauchy: ``w = 1 / (1 + (e/c)^2)``) and its width.
+    """
+    bearing = np.arctan2(xy_m[:, 1], xy_m[:, 0])
+    range_m = np.hypot(xy_m[:, 0], xy_m[:, 1])
+    cov = bearing_range_covariance(cov_m2, xy_m)
+    return [
+        gtsam.BearingRangeFactor2D(
+            X(k),
+            L(int(cone[i])),
+            gtsam.Rot2(bearing[i]),
+            range_m[i],
+            _cone_noise(cov[i], config),
+        )
+        for i in range(len(cone))
+    ]
+
+
+def _cone_noise(cov: Array, config: Isam2Config) -> gtsam.noiseModel.Base:
+    noise = gtsam.noiseModel.Gaussian.Covariance(cov)
+    if config.robust_kernel == "none":
+        return noise
+    kernel = gtsam.noiseModel.mEstimator.Cauchy.Create(config.robust_width)
+    return gtsam.noiseModel.Robust.Create(kernel, noise)
+
+
+def one_cone(kept: int, gone: int) -> gtsam.NonlinearFactor:
+    """Say that two variables are the same cone."""
+    noise = gtsam.noiseModel.Isotropic.Sigma(2, ONE_CONE_SIGMA_M)
+    return gtsam.BetweenFactorPoint2(L(kept), L(gone), np.zeros(2), noise)

@@ -1,0 +1,141 @@
+"""The factor-graph back end: tracked by a local filter, mapped by iSAM2."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+from gtsam.symbol_shorthand import L
+
+from conegraph.backends.mapper import Mapper
+from conegraph.backends.snapshot import take_snapshot
+from conegraph.backends.tracker import TrackedFrame, Tracker
+from conegraph.config import Config, Isam2Config
+from conegraph.types import (
+    Array,
+    Associations,
+    ConeMap,
+    ConeObservations,
+    Estimate,
+    LoopClosure,
+    SensorModel,
+    Trajectory,
+)
+
+FEW_SIGHTINGS = 10
+"""Sightings that are worth a graph update; sparse streams wait for as many."""
+
+MANY_FRAMES = 60
+"""Frames after which the graph is updated even so."""
+
+
+class Isam2Backend(Tracker):
+    """A tracker in the frame path and a factor graph behind it.
+
+    Every frame is tracked at once by the filter that the EKF uses too, restricted
+    to the cones near the car. Frames with all their measurements are queued; every
+    `update_period_s` the graph takes them in, and its solution replaces what the
+    tracker holds. Associations are made with the joint covariance of the car and
+    the visible cones that the graph gave.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        sensor: SensorModel | None,
+        known_map: ConeMap | None = None,
+        *,
+        add_cones: bool = True,
+    ) -> None:
+        """Start at the origin with an empty graph, or on a known map."""
+        super().__init__(config, sensor, known_map, add_cones=add_cones)
+        if not isinstance(config.backend, Isam2Config):
+            raise TypeError("Isam2Backend needs a configuration of kind isam2")
+        self._graph_config = config.backend
+        self.mapper = Mapper(config.backend, config.motion, known_map)
+        self._waiting: list[TrackedFrame] = []
+        self._updated_s = -np.inf
+        self._pose_cov = np.zeros((3, 3))
+
+    def observe_cones(self, frame: ConeObservations) -> Associations | None:
+        """Track a frame; now and then let the graph take in what is waiting."""
+        result = super().observe_cones(frame)
+        if result is None or self.tracked is None:
+            return None
+        self._waiting.append(self.tracked)
+        began = time.perf_counter()
+        if self._is_due(self.tracked):
+            self._update_graph()
+            spent_ms = 1e3 * (time.perf_counter() - began)
+            stages = {**(self.last_events.stage_ms or {}), "graph": spent_ms}
+            self.last_events = replace(self.last_events, stage_ms=stages)
+        return result
+
+    def estimate(self) -> Estimate:
+        """Return the tracker's estimate with the pose's uncertainty in the world.
+
+        The tracker's own covariance counts from the last graph update on; what the
+        graph said of the pose then is added.
+        """
+        local = super().estimate()
+        return replace(local, pose_cov=local.pose_cov + self._pose_cov)
+
+    def cone_map(self) -> ConeMap:
+        """Return the confirmed cones.
+
+        Until `finish`, covariances are those relative to the car.
+        """
+        return self.map.publish()
+
+    def finish(self) -> Trajectory | None:
+        """Solve the whole graph to convergence and take its map over."""
+        if self._waiting:
+            self._update_graph()
+        if not self.mapper.stamps_s:
+            return None
+        path = self.mapper.settle(polish=self._graph_config.polish)
+        self.map.release()
+        book = self.map.book
+        for row, cone in enumerate(book.id.tolist()):
+            if cone in self.mapper.cones:
+                book.xy_m[row] = self.mapper.cone_m(cone)
+                book.cov_m2[row] = self._marginal(cone)
+        return path
+
+    def _marginal(self, cone: int) -> Array:
+        return np.asarray(self.mapper.isam.marginalCovariance(L(cone)))
+
+    def _is_due(self, newest: TrackedFrame) -> bool:
+        if newest.closure or len(self._waiting) >= MANY_FRAMES:
+            return True
+        late = newest.stamp_s - self._updated_s >= self._graph_config.update_period_s
+        return late and sum(len(f.landmark_id) for f in self._waiting) >= FEW_SIGHTINGS
+
+    def _update_graph(self) -> None:
+        """Let the graph take in the waiting frames and load what it then believes."""
+        retractions = self.mapper.update(self._waiting)
+        self._updated_s = self._waiting[-1].stamp_s
+        self._waiting = []
+        filter_ = self.map.filter
+        snapshot = take_snapshot(
+            self.mapper,
+            filter_.vehicle,
+            filter_.vehicle_cov,
+            self.sensor.max_range_m + self._graph_config.snapshot_margin_m,
+        )
+        self._pose_cov = snapshot.pose_cov
+        self.map.load(
+            snapshot.state,
+            snapshot.cov,
+            snapshot.ids,
+            snapshot.all_ids,
+            snapshot.all_xy_m,
+        )
+        undone = tuple(
+            LoopClosure(r.stamp_s, 0.0, False, f"undone: residual d2 {r.d2:.0f}")
+            for r in retractions
+        )
+        if undone:
+            events = self.last_events
+            self.last_events = replace(events, closures=events.closures + undone)

@@ -1,0 +1,93 @@
+"""What the graph believes near the car, in the form the tracker goes on from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from gtsam.symbol_shorthand import B, L, V, X
+
+from conegraph.backends.mapper import Mapper
+from conegraph.backends.motion import NV
+from conegraph.geometry import rotation
+from conegraph.types import Array, IntArray
+
+PINNED = 1e-10
+"""Variance of a pose that everything else is expressed relative to."""
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """Means of everything, and the covariance of what is near the car.
+
+    Attributes:
+        state: (6 + 2 n,) the car and the n cones near it.
+        cov: covariance of these *given the pose*, whose own rows are all but zero.
+        ids: (n,) the cones near the car.
+        pose_cov: (3, 3) covariance of the pose in the world.
+        all_ids: (m,) every cone.
+        all_xy_m: (m, 2) where they are.
+    """
+
+    state: Array
+    cov: Array
+    ids: IntArray
+    pose_cov: Array
+    all_ids: IntArray
+    all_xy_m: Array
+
+
+def take_snapshot(
+    mapper: Mapper, vehicle: Array, vehicle_cov: Array, radius_m: float
+) -> Snapshot:
+    """Read the last pose and the cones within a radius from the graph.
+
+    Covariances are conditioned on the pose, ``C_LL - C_Lp C_pp^-1 C_pL``: what the
+    next frame can test is where cones are relative to the car, and linearising a
+    filter about a pose that is uncertain in the world by far more than the sensor
+    is precise breaks it. Speeds that the graph does not carry (while odometry
+    spans the frames) are taken from the tracker.
+
+    Args:
+        mapper: the graph, solved.
+        vehicle: (6,) the tracker's car at the same frame.
+        vehicle_cov: (6, 6) its covariance.
+        radius_m: cones farther from the car are left out.
+    """
+    k = len(mapper.stamps_s) - 1
+    pose = mapper.pose(k)
+    all_ids = np.array(list(mapper.cones), dtype=np.int64)
+    all_xy = np.array([mapper.cone_m(c) for c in all_ids.tolist()]).reshape(-1, 2)
+    near = np.linalg.norm(all_xy - pose[:2], axis=1) < radius_m
+    ids = all_ids[near]
+    keys, place = [X(k)], [0, 1, 2]
+    state = np.concatenate([vehicle, all_xy[near].ravel()])
+    state[:3] = pose
+    moving = k in mapper.velocities
+    if moving:
+        keys.append(V(k))
+        place += [3, -1, 4]
+        velocity = mapper.isam.calculateEstimateVector(V(k))
+        state[3:5] = velocity[0], velocity[2]
+    if mapper.has_bias:
+        keys.append(B(mapper.segment))
+        place.append(5)
+        state[5] = mapper.isam.calculateEstimateVector(B(mapper.segment))[0]
+    keys += [L(c) for c in ids.tolist()]
+    place += list(range(NV, len(state)))
+    joint = np.asarray(mapper.isam.jointMarginalCovariance(keys).fullMatrix())
+    turn = np.eye(len(joint))
+    turn[:2, :2] = rotation(pose[2])
+    joint = turn @ joint @ turn.T
+    pose_cov = joint[:3, :3].copy()
+    gain = np.linalg.solve(pose_cov, joint[:3])
+    joint = joint - joint[:, :3] @ gain
+    cov = np.zeros((len(state), len(state)))
+    target = np.array(place)
+    used = target >= 0
+    cov[np.ix_(target[used], target[used])] = joint[np.ix_(used, used)]
+    cov[:3], cov[:, :3] = 0.0, 0.0
+    cov[range(3), range(3)] = PINNED
+    if not moving:
+        cov[3:5, 3:5] = vehicle_cov[3:5, 3:5]
+    return Snapshot(state, cov, ids, pose_cov, all_ids, all_xy)
