@@ -97,7 +97,7 @@ LIDAR = ConeSensor(
         min_range_m=1.0,
         max_range_m=45.0,
         half_fov_rad=1.0472,
-        detection_probability=0.54,
+        detection_probability=0.53,
     ),
     rate_hz=10.0,
     detection=RangeFalloff(0.99, per_m=0.01, per_m2=0.00012, least=0.1),

@@ -19,6 +19,8 @@ from conegraph.types import Array, ConeClass, TrackLayout
 CENTRES_APART_M = 18.25
 INNER_RADIUS_M = 15.25 / 2
 OUTER_RADIUS_M = 21.25 / 2
+ENTRY_M = 15.0
+"""How far before the timing line a driverless car waits."""
 _RADIUS_SLACK_M = 0.4
 _LEAST_INNER = 10
 _LEAST_BESIDE = 0.8
@@ -50,8 +52,8 @@ def recognise_skidpad(
 ) -> Array | None:
     """Return the scripted path through a layout that is a skidpad, else None.
 
-    With a start pose the car comes from there; without one it comes from where the
-    circle with yellow inner cones is the right one.
+    With a start pose the car comes from there; without one it comes from 15 m before
+    the timing line, from where the circle with yellow inner cones is the right one.
     """
     lane = np.isin(layout.cone_class, (ConeClass.BLUE, ConeClass.YELLOW))
     centres = _centres(layout.xy_m[lane]) if lane.sum() > 2 * _LEAST_INNER else None
@@ -59,14 +61,14 @@ def recognise_skidpad(
         return None
     crossing, across = centres.mean(axis=0), centres[1] - centres[0]
     radius = 0.5 * float(np.hypot(*across))
-    forward = np.array([across[1], -across[0]]) / (2 * radius)
+    forward = np.array([-across[1], across[0]]) / (2 * radius)
     if layout.start_pose is not None:
         come = crossing - layout.start_pose[:2]
         forward = forward * np.sign(forward @ come)
         entry = max(float(forward @ come), step_m)
     else:
         forward = forward * _forward_sign(layout, centres)
-        entry = float(np.clip(-((layout.xy_m - crossing) @ forward).min(), 5.0, 20.0))
+        entry = ENTRY_M
     path = skidpad_path(entry, exit_m, radius, step_m)
     return np.asarray(path @ [forward, [-forward[1], forward[0]]] + crossing)
 

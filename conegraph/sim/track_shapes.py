@@ -12,6 +12,7 @@ from conegraph.sim.polyline import spline
 from conegraph.sim.random_course import random_center
 from conegraph.sim.skidpad import (
     CENTRES_APART_M,
+    ENTRY_M,
     INNER_RADIUS_M,
     OUTER_RADIUS_M,
     skidpad_path,
@@ -87,7 +88,7 @@ def _skidpad(_: np.random.Generator) -> TrackLayout:
     towards the other circle stay free, which leaves 13 and opens the lane. The car
     waits 15 m before the timing line, where the frame has its origin.
     """
-    entry, leave, half_lane = 15.0, 20.0, 1.5
+    entry, leave, half_lane = ENTRY_M, 20.0, 1.5
     bearing = np.deg2rad(22.5) * np.arange(16)
     circle = np.column_stack([np.sin(bearing), -np.cos(bearing)])
     centre = np.array([entry, CENTRES_APART_M / 2])
