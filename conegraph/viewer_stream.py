@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import logging
+import os
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -185,5 +187,14 @@ def _stays_up(viewer: subprocess.Popen[bytes]) -> bool:
             time.sleep(1.0)
             return viewer.poll() is None
         time.sleep(0.1)
-    viewer.terminate()
+    _end(viewer)
     return False
+
+
+def _end(viewer: subprocess.Popen[bytes]) -> None:
+    # Rerun's Python command waits for a program of its own in the same session.
+    if sys.platform == "win32":
+        viewer.terminate()
+    else:
+        os.killpg(viewer.pid, signal.SIGTERM)
+    viewer.wait()
