@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,10 +11,16 @@ from conegraph.backends.local_map import LocalMap
 from conegraph.backends.pairing import ROLE_INDEX, FramePairer, Pairs
 from conegraph.backends.start_line import GateMatch, match_gate, sides
 from conegraph.config import StartLineConfig
-from conegraph.types import ConeObservations, IntArray, LoopClosure
+from conegraph.types import Array, ConeObservations, IntArray, LoopClosure
 
 REVISITED = 3
-"""Cones not seen for `min_closure_m` that must match together to close a loop."""
+"""Cones not seen for `min_closure_m` that must match again to close a loop."""
+
+AT_GATE_M = 12.0
+"""How near to the start gate these must stand: other places are only passed again."""
+
+REVISIT_WINDOW_M = 15.0
+"""Distance over which these are counted: they come into view one by one."""
 
 RETRY_M = 2.0
 """Distance between refused closures that are reported."""
@@ -57,22 +64,38 @@ class ClosureWatch:
         self._pairer = pairer
         self._closed_m = 0.0
         self._refused_m = -np.inf
+        self._revisits: deque[float] = deque()
 
     def check(
-        self, map_: LocalMap, frame: ConeObservations, pairs: Pairs, driven_m: float
+        self,
+        map_: LocalMap,
+        frame: ConeObservations,
+        pairs: Pairs,
+        gate_m: Array,
+        driven_m: float,
     ) -> ClosureResult:
-        """Look at a frame and its ordinary pairing; `driven_m` is the odometer."""
+        """Look at a frame and its ordinary pairing.
+
+        Args:
+            map_: cones and car.
+            frame: the observations.
+            pairs: which cones they matched.
+            gate_m: (2,) middle of the start gate.
+            driven_m: the odometer.
+        """
         if driven_m - self._closed_m < self._config.min_closure_m:
             return ClosureResult()
         row = map_.row[pairs.slot[pairs.matched]]
         away_m = driven_m - map_.book.last_seen_m[row]
-        old = row[away_m > self._config.min_closure_m]
-        old = old[map_.book.published[old]]
-        if len(old) >= REVISITED:
-            gone_m = driven_m - self._closed_m
-            self._closed_m = driven_m
-            reason = f"{len(old)} cones of the last visit match"
-            return ClosureResult((LoopClosure(frame.stamp_s, gone_m, True, reason),))
+        at_gate = np.linalg.norm(map_.book.xy_m[row] - gate_m, axis=1) < AT_GATE_M
+        old = (away_m > self._config.min_closure_m) & map_.book.published[row]
+        old &= at_gate
+        self._revisits.extend([driven_m] * int(old.sum()))
+        while self._revisits and driven_m - self._revisits[0] > REVISIT_WINDOW_M:
+            self._revisits.popleft()
+        if len(self._revisits) >= REVISITED:
+            reason = f"{len(self._revisits)} cones of the last visit match"
+            return ClosureResult((self._close(frame.stamp_s, driven_m, reason),))
         start = np.flatnonzero(
             self._pairer.roles(frame.class_prob) == ROLE_INDEX["start"]
         ).astype(np.int64)
@@ -102,13 +125,11 @@ class ClosureWatch:
             found = GateMatch(found.row, slot, found.pose, found.agreement)
             reason = self._doubt(map_, frame, found)
             if not reason:
-                gone_m = driven_m - self._closed_m
-                self._closed_m = driven_m
                 reason = (
                     f"{len(found.row)} start cones, "
                     f"{100 * found.agreement:.0f} % of the frame agrees"
                 )
-                event = LoopClosure(frame.stamp_s, gone_m, True, reason)
+                event = self._close(frame.stamp_s, driven_m, reason)
                 return ClosureResult((event,), found)
             found = reason
         if driven_m - self._refused_m < RETRY_M:
@@ -116,6 +137,11 @@ class ClosureWatch:
         self._refused_m = driven_m
         gone_m = driven_m - self._closed_m
         return ClosureResult((LoopClosure(frame.stamp_s, gone_m, False, found),))
+
+    def _close(self, stamp_s: float, driven_m: float, reason: str) -> LoopClosure:
+        gone_m, self._closed_m = driven_m - self._closed_m, driven_m
+        self._revisits.clear()
+        return LoopClosure(stamp_s, gone_m, True, reason)
 
     def _doubt(self, map_: LocalMap, frame: ConeObservations, match: GateMatch) -> str:
         """Return why a match is not trusted, empty if it is."""

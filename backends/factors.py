@@ -101,9 +101,9 @@ def odometry_motion(
 
     Without a bias a plain `BetweenFactorPose2`. With one, the residual
     ``Log(d(b)^-1 x_{k-1}^-1 x_k)``, ``d(b) = delta + J b``, is linearised where the
-    tracker was, at ``before`` (3,) and the given bias (its segment and value). Its Jacobians
-    ``-Ad(d^-1), I, -R(d)' J`` do not depend on where in the world the poses are: a
-    closure that turns the map by t leaves an error of ``|d| t^2 / 2``.
+    tracker was, at ``before`` (3,) and the given bias (its segment and value). Its
+    Jacobians ``-Ad(d^-1), I, -R(d)' J`` do not depend on where in the world the
+    poses are: a closure that turns the map by t leaves an error ``|d| t^2 / 2``.
     """
     cov = increment.cov
     if bias is None:

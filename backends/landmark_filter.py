@@ -45,15 +45,25 @@ class Innovation:
 class LandmarkFilter:
     """Mean and covariance of the car and its cones, changed in place."""
 
-    def __init__(self, bias_sigma_radps: float = 0.0, speed_sigma: float = 0.0) -> None:
+    def __init__(
+        self,
+        bias_sigma_radps: float = 0.0,
+        speed_sigma_mps: float = 0.0,
+        *,
+        invariant: bool = True,
+    ) -> None:
         """Start at the origin, at rest (thesis section 4.2).
 
-        ``speed_sigma`` (m/s) is the doubt about standing still; the thesis has 0.
+        Args:
+            bias_sigma_radps: doubt about the odometry's yaw-rate bias.
+            speed_sigma_mps: doubt about standing still; the thesis has none.
+            invariant: re-express the covariance after corrections, see `_settle`.
         """
+        self._invariant = invariant
         self._x = np.zeros(NV)
         self._P = np.zeros((NV, NV))
-        self._P[3, 3] = speed_sigma**2
-        self._P[4, 4] = (0.2 * speed_sigma) ** 2
+        self._P[3, 3] = speed_sigma_mps**2
+        self._P[4, 4] = (0.2 * speed_sigma_mps) ** 2
         self._P[5, 5] = bias_sigma_radps**2
 
     @property
@@ -143,47 +153,58 @@ class LandmarkFilter:
         return H.reshape(2 * k, 3 + 2 * k), columns, h
 
     def update_cones(
-        self,
-        slot: IntArray,
-        xy_m: Array,
-        cov_m2: Array,
-        *,
-        model: SensorModel | None,
-        iterations: int = 1,
+        self, slot: IntArray, xy_m: Array, cov_m2: Array, model: SensorModel | None
     ) -> None:
         """Correct everything with the cones matched in one frame, jointly.
 
         ``z = y - h, Z = H P H' + R, K = P H' Z^-1, x += K z, P -= K Z K'``
-        (thesis section 4.4.1). More than one iteration repeats the linearisation
-        at the corrected state (iterated EKF, Bell and Cathey 1993). With a sensor
-        model, R is evaluated at the predicted positions.
+        (thesis section 4.4.1). With a sensor model, R is evaluated at the predicted
+        positions. Linearising again at the corrected state (an iterated EKF) was
+        measured to double the drift: Jacobian and measurement noise then agree.
 
         Args:
             slot: (k,) places of the matched cones.
             xy_m: (k, 2) where they were seen, car frame.
             cov_m2: (k, 2, 2) their reported covariances.
             model: sensor model, or None to use the covariances as reported.
-            iterations: how many linearisations.
         """
+        H, columns, h = self._jacobian(slot)
+        R = cov_m2
+        if model is not None:
+            R = transport_covariance(cov_m2, xy_m, h, model)
+        PHt = self._P[:, columns] @ H.T
+        self._update(PHt, _add_blocks(H @ PHt[columns], R), (xy_m - h).ravel())
+
+    def _update(self, PHt: Array, Z: Array, z: Array) -> None:
+        """Apply the Kalman gain ``P H' Z^-1`` to a residual z."""
         prior = self._x.copy()
-        for _ in range(iterations):
-            H, columns, h = self._jacobian(slot)
-            R = cov_m2
-            if model is not None:
-                R = transport_covariance(cov_m2, xy_m, h, model)
-            z = (xy_m - h).ravel() - H @ _difference(prior, self._x)[columns]
-            PHt = self._P[:, columns] @ H.T
-            Z = _add_blocks(H @ PHt[columns], R)
-            factor = cho_factor(Z, lower=True)
-            moved = PHt @ cho_solve(factor, z)
-            new = prior + moved
-            new[2] = wrap_angle(new[2])
-            change = np.abs(_difference(new, self._x)[:3]).max()
-            self._x = new
-            if change < 1e-4:
-                break
-        W = solve_triangular(factor[0], PHt.T, lower=True)
-        self._P -= W.T @ W
+        factor = cho_factor(Z, lower=True)
+        self._x = prior + PHt @ cho_solve(factor, z)
+        self._x[2] = wrap_angle(self._x[2])
+        self._settle(prior, solve_triangular(factor[0], PHt.T, lower=True))
+
+    def _settle(self, prior: Array, W: Array) -> None:
+        """Take the gain's ``W`` (m, n) off the covariance: ``P -= W' W``.
+
+        An EKF that linearises each update at a new estimate gains information about
+        the world's heading that no cone gives, and grows overconfident. With errors
+        of positions taken relative to a turn of the whole world,
+        ``e' = e - e_psi J p`` (Barrau and Bonnabel, "An EKF-SLAM algorithm with
+        consistency properties", 2015), it does not. In plain coordinates that is one
+        step more: as the estimate moves by ``d``, ``P <- M P M'`` with
+        ``M = I + g e_psi'``, ``g = J d``, J the quarter turn of every position.
+        """
+        if not self._invariant:
+            self._P -= W.T @ W
+            return
+        moved = self._x - prior
+        g = np.zeros_like(moved)
+        g[0], g[1] = -moved[1], moved[0]
+        g[NV::2], g[NV + 1 :: 2] = -moved[NV + 1 :: 2], moved[NV::2]
+        heading = self._P[2] - W.T @ W[:, 2]
+        a = heading + 0.5 * heading[2] * g
+        left, right = np.vstack([W, g, a]), np.vstack([-W, a, g])
+        self._P += left.T @ right
 
     def innovation(
         self, slot: IntArray, xy_m: Array, cov_m2: Array, model: SensorModel | None
@@ -206,10 +227,7 @@ class LandmarkFilter:
         H[0, 3] = H[1, 4] = H[1, 5] = 1.0
         z = np.array([u_mps, r_radps]) - H @ self._x[:NV]
         PHt = self._P[:, :NV] @ H.T
-        gain = np.linalg.solve(H @ PHt[:NV] + cov, PHt.T).T
-        self._x += gain @ z
-        self._x[2] = wrap_angle(self._x[2])
-        self._P -= gain @ PHt.T
+        self._update(PHt, H @ PHt[:NV] + cov, z)
 
     def add_cones(self, xy_m: Array, cov_m2: Array) -> IntArray:
         """Append new cones (k, 2) seen from the car; return their slots (k,).
@@ -268,20 +286,11 @@ class LandmarkFilter:
         H = np.hstack([np.eye(2), -np.eye(2)])
         PHt = self._P[:, columns] @ H.T
         Z = H @ PHt[columns] + np.eye(2) * sigma_m**2
-        gain = np.linalg.solve(Z, PHt.T).T
-        self._x -= gain @ (self._x[columns[:2]] - self._x[columns[2:]])
-        self._x[2] = wrap_angle(self._x[2])
-        self._P -= gain @ PHt.T
+        self._update(PHt, Z, self._x[columns[2:]] - self._x[columns[:2]])
 
     def is_healthy(self) -> bool:
         """Whether every number is finite and no variance is negative."""
         return bool(np.isfinite(self._x).all() and (np.diag(self._P) >= -1e-9).all())
-
-
-def _difference(a: Array, b: Array) -> Array:
-    d = a - b
-    d[2] = wrap_angle(d[2])
-    return d
 
 
 def _add_blocks(matrix: Array, blocks: Array) -> Array:

@@ -13,6 +13,10 @@ GATE_REACH_M = 30.0
 """Start cones farther than this from the start pose are not the start gate."""
 
 
+AHEAD_M = 1.0
+"""The gate of a track without start cones, so far ahead that standing is no lap."""
+
+
 @dataclass(frozen=True, slots=True)
 class Gate:
     """A line on the ground: its middle (2,) and the unit vector (2,) through it."""
@@ -24,14 +28,14 @@ class Gate:
 class LapCounter:
     """Counts crossings of the gate in driving direction and times the laps.
 
-    Until start cones are known the gate stands at the start pose, across the
-    first heading, and the clock starts as the car leaves.
+    Until start cones are known the gate stands just ahead of the start pose, across
+    the first heading.
     """
 
     def __init__(self, config: StartLineConfig) -> None:
         """Start at the origin, heading along x, with no lap driven."""
         self._config = config
-        self.gate = Gate(np.zeros(2), np.array([1.0, 0.0]))
+        self.gate = Gate(np.array([AHEAD_M, 0.0]), np.array([1.0, 0.0]))
         self.driven_m = 0.0
         self._crossed: tuple[float, float] | None = None
         self._previous: tuple[float, Array] | None = None
@@ -86,7 +90,7 @@ class LapCounter:
         path = np.stack([before[:2], pose[:2]]) - self.gate.middle_m
         along = path @ forward
         if not along[0] < 0.0 <= along[1]:
-            return self._departure(before_s, along)
+            return None
         share = float(along[0] / (along[0] - along[1]))
         beside = path @ np.array([-forward[1], forward[0]])
         offset = abs(beside[0] + share * (beside[1] - beside[0]))
@@ -94,8 +98,3 @@ class LapCounter:
         if offset > self._config.half_width_m or facing < 0.5:
             return None
         return before_s + share * (stamp_s - before_s)
-
-    def _departure(self, before_s: float, along: Array) -> float | None:
-        """Start the clock of a car that stands on the gate and pulls away."""
-        leaves = self._crossed is None and 0.0 <= along[0] < 0.5 < along[1]
-        return before_s if leaves else None

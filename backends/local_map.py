@@ -33,7 +33,11 @@ class LocalMap:
         """Start at the origin with no cones."""
         odometry = config.motion.use_odometry and config.motion.odometry_as_input
         bias = config.motion.gyro_bias_sigma_radps if odometry else 0.0
-        self.filter = LandmarkFilter(bias, config.motion.start_speed_sigma_mps)
+        self.filter = LandmarkFilter(
+            bias,
+            config.motion.start_speed_sigma_mps,
+            invariant=config.backend.invariant,
+        )
         self.book = LandmarkBook(config.landmarks)
         self.row: IntArray = np.zeros(0, dtype=np.int64)
         self._config: LandmarkConfig = config.landmarks

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from conegraph.backends.association import Pairing, associate, colour_cost
+from conegraph.backends.association import associate
 from conegraph.backends.landmark_filter import PredictedCones
 from conegraph.backends.local_map import LocalMap
+from conegraph.backends.pairing_problem import Pairing, Problem, colour_cost
+from conegraph.backends.sensor_noise import polar_sigmas
 from conegraph.config import Config
 from conegraph.types import (
     CLASS_LABELS,
@@ -26,6 +29,12 @@ KNOWN_AREA_M = 2.5
 
 FEW_MATCHES = 0.7
 """Below this share of the known area's cones a pairing is tried again."""
+
+LOOSE_M = 0.5
+"""Sigma of a predicted place, beside that of one measurement, that is too vague."""
+
+MEMORY = 20
+"""How many cones that came into view are remembered."""
 
 RESCUE = 24.0
 """Factor on the process noise that a second try adds to the car."""
@@ -49,7 +58,7 @@ class Pairs:
         birth: (m,) whether a new cone should be made of it.
         ambiguous: (m,) unmatched, yet too near to a known cone to be new.
         update: (m,) matches that are still to correct the filter.
-        visible: slots of the cones that were looked for.
+        visible: slots of the cones whose places are known and were looked at.
         n_known: observations that lie where the map has cones.
     """
 
@@ -75,7 +84,11 @@ class Pairs:
 
 
 class FramePairer:
-    """Pairs frames with a map; it remembers only how many frames in a row failed."""
+    """Pairs frames with a map.
+
+    It remembers how many frames in a row failed, and which of the cones that came
+    into view lately were new: where all are known, nothing speaks for a new one.
+    """
 
     def __init__(self, config: Config, sensor: SensorModel) -> None:
         """Take methods and gates from the configuration."""
@@ -83,6 +96,7 @@ class FramePairer:
         self._sensor = sensor
         roles = config.roles.model_dump()
         self._failures = 0
+        self._appearances: deque[bool] = deque([True] * MEMORY, maxlen=MEMORY)
         self._role = np.array([ROLE_INDEX[roles[label]] for label in CLASS_LABELS])
 
     def roles(self, class_prob: Array) -> IntArray:
@@ -102,6 +116,7 @@ class FramePairer:
         predicted = map_.filter.predict_cones(visible)
         first = self._associate(map_, frame, predicted)
         gap = np.linalg.norm(frame.xy_m[:, None] - predicted.xy_m, axis=2)
+        gap[:, first.loose] = np.inf
         known = gap.min(axis=1, initial=np.inf) < KNOWN_AREA_M
         n_known = int(known.sum())
         hits = int((first.matched & known).sum())
@@ -144,8 +159,40 @@ class FramePairer:
             allowed = self.roles(frame.class_prob)[:, None] == self.roles(mapped)
         else:
             cost = config.colour_weight * colour_cost(frame.class_prob, mapped)
-        cov = frame.cov_m2 * self._config.sensor.scale**2
-        return associate(config, frame.xy_m, cov, predicted, cost, allowed)
+        return associate(
+            config,
+            Problem(
+                frame.xy_m,
+                frame.cov_m2 * self._config.sensor.scale**2,
+                predicted,
+                cost,
+                allowed,
+                self._loose_limit(predicted.xy_m),
+                np.inf if self._knows_ids(frame) else self._new_cost(),
+            ),
+        )
+
+    def _loose_limit(self, xy_m: Array) -> Array:
+        """(k,) sigma beyond which a cone's predicted place is too vague to match.
+
+        A cone just born is as vague as one measurement; cones stand metres apart.
+        """
+        along, across = polar_sigmas(np.hypot(*xy_m.T), self._sensor)
+        return LOOSE_M + 1.5 * np.maximum(along, across)
+
+    def _new_cost(self) -> float:
+        """Return ``-2 log(2 pi lambda)``: what a new cone costs beside a match.
+
+        lambda is the density of cones where nothing is mapped, times the share of
+        new ones among the cones that lately came into view.
+        """
+        share = (sum(self._appearances) + 0.5) / (MEMORY + 1.0)
+        density = self._config.association.new_cones_per_m2 * share
+        return float(-2.0 * np.log(2.0 * np.pi * density))
+
+    def note_appearances(self, n_new: int, n_returned: int) -> None:
+        """Remember that so many new cones, and so many old ones, came into view."""
+        self._appearances.extend([True] * n_new + [False] * n_returned)
 
     def _decide(
         self, pairing: Pairing, visible: IntArray, n_known: int, hits: int
@@ -174,7 +221,7 @@ class FramePairer:
             birth,
             ambiguous,
             pairing.matched.copy(),
-            visible,
+            visible[~pairing.loose],
             n_known,
         )
 

@@ -60,6 +60,9 @@ STATUS = (
     MatchStatus.NEW,
 )
 
+RETURN_M = 5.0
+"""A cone not seen over this distance has come back into view."""
+
 SURPRISE = 8.0
 """Factor on the process noise that a jointly improbable frame adds."""
 
@@ -178,7 +181,9 @@ class Tracker:
         pairs = self._pairer.pair(self.map, frame, self._noise)
         if self._config.start_line.forced:
             pairs = forced_start_pairs(self._pairer, self.map, frame, pairs)
-        closure = self._closures.check(self.map, frame, pairs, self.laps.driven_m)
+        self.map.sync()
+        gate_m, driven_m = self.laps.gate.middle_m, self.laps.driven_m
+        closure = self._closures.check(self.map, frame, pairs, gate_m, driven_m)
         if closure.match is not None:
             self._correct(frame, closure.match.row, closure.match.slot)
             again = self._pairer.pair(self.map, frame, self._noise)
@@ -251,8 +256,7 @@ class Tracker:
             slot,
             frame.xy_m[row],
             frame.cov_m2[row] * self._config.sensor.scale**2,
-            model=None if measured else self.sensor,
-            iterations=self._config.backend.update_iterations,
+            None if measured else self.sensor,
         )
 
     def _settle(self, frame: ConeObservations, pairs: Pairs, dt_s: float) -> Innovation:
@@ -306,10 +310,12 @@ class Tracker:
         row = np.flatnonzero(pairs.matched)
         book_row = map_.row[pairs.slot[row]]
         confirmed = book.published[book_row]
+        returned = driven_m - book.last_seen_m[book_row] > RETURN_M
         book.hit(book_row, frame.class_prob[row], driven_m)
         book.note_together(book_row, frame.xy_m[row], TOGETHER_M)
         missed = self._missed(frame, pairs)
         born = np.flatnonzero(pairs.birth & self._add_cones)
+        self._pairer.note_appearances(len(born), int(returned.sum()))
         slot = pairs.slot.copy()
         slot[born] = map_.add(frame.subset(born), driven_m)
         has_id = slot >= 0

@@ -17,7 +17,7 @@ from conegraph.errors import ConfigError
 Tree = dict[str, Any]
 
 THESIS: Tree = {
-    "backend": {"update_iterations": 1},
+    "backend": {"invariant": False},
     "association": {
         "method": "nearest",
         "gate_d2": 9.0,

@@ -35,8 +35,8 @@ class EkfConfig(Section):
     """Which back end this section configures."""
     profile: Profile = "default"
     """`thesis` is the published method; `default` is the best that we measured."""
-    update_iterations: Annotated[int, Field(ge=1, le=10)] = 2
-    """Linearisations of one joint update; 1 is the plain EKF of the thesis."""
+    invariant: bool = True
+    """Keep the covariance consistent as the estimate turns; False as in the thesis."""
 
 
 class Isam2Config(Section):
@@ -46,8 +46,8 @@ class Isam2Config(Section):
     """Which back end this section configures."""
     profile: Profile = "default"
     """`thesis` takes the thesis's association and motion model into the graph."""
-    update_iterations: Annotated[int, Field(ge=1, le=10)] = 4
-    """Linearisations of one joint update of the local filter."""
+    invariant: bool = True
+    """Keep the local filter's covariance consistent as the estimate turns."""
     update_period_s: NonNegative = 0.3
     """Time between graph updates; frames in between are tracked and kept."""
     robust_kernel: Literal["cauchy", "none"] = "cauchy"
@@ -76,6 +76,10 @@ class AssociationConfig(Section):
     """No cone is born nearer than this to a known one: it would be a duplicate."""
     ambiguity_d2: NonNegative = 6.0
     """A match must beat every rival by this much, or nothing is matched."""
+    new_cones_per_m2: Positive = 0.05
+    """Density of cones where none is mapped yet: the rival of every match."""
+    new_margin: NonNegative = 3.0
+    """A match must beat "a new cone" by this much in twice the log-likelihood."""
     colour: Literal["soft", "same_role"] = "soft"
     """`soft` lets colour tip the scales, `same_role` forbids other roles (thesis)."""
     colour_weight: NonNegative = 0.5

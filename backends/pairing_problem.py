@@ -1,0 +1,101 @@
+"""The question that every association method answers, and the shape of its answer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conegraph.backends.landmark_filter import PredictedCones
+from conegraph.types import Array, IntArray
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """Which of m observations are which of k predicted cones?
+
+    Attributes:
+        xy_m: (m, 2) observations in the car frame.
+        noise_m2: (m, 2, 2) their covariances.
+        predicted: the cones with their joint covariance.
+        cost: (m, k) additional cost of a pair (colour).
+        allowed: (m, k) pairs that may be made at all.
+        loose_m: (k,) sigma beyond which a predicted place says too little.
+        new_cost: what it costs to call an observation a new cone, on the scale of
+            ``d2 + log|S|``.
+    """
+
+    xy_m: Array
+    noise_m2: Array
+    predicted: PredictedCones
+    cost: Array
+    allowed: Mask
+    loose_m: Array
+    new_cost: float
+
+
+@dataclass(frozen=True, slots=True)
+class Pairing:
+    """What was matched with what.
+
+    Attributes:
+        column: (m,) index into the predicted cones, -1 where nothing matched.
+        d2: (m,) squared Mahalanobis distance to the match; where there is none,
+            to the nearest cone; infinite without any cone.
+        free_d2: (m,) the same to the nearest cone that nothing else matched and
+            whose place is known well enough to speak of.
+        loose: (k,) cones whose place is not known well enough.
+    """
+
+    column: IntArray
+    d2: Array
+    free_d2: Array
+    loose: Mask
+
+    @property
+    def matched(self) -> Mask:
+        """(m,) whether each observation has a cone."""
+        return self.column >= 0
+
+
+def mahalanobis(
+    xy_m: Array, noise_m2: Array, predicted_m: Array, cov_m2: Array
+) -> tuple[Array, Array]:
+    """Return d² and log-determinant (m, k) between observations and predictions.
+
+    ``S = C_jj + R_i, d2 = (y_i - h_j)' S^-1 (y_i - h_j)`` in closed form for 2x2.
+
+    Args:
+        xy_m: (m, 2) observations.
+        noise_m2: (m, 2, 2) their covariances.
+        predicted_m: (k, 2) predictions.
+        cov_m2: (2k, 2k) joint covariance of these.
+    """
+    i = 2 * np.arange(len(predicted_m))
+    a = cov_m2[i, i] + noise_m2[:, None, 0, 0]
+    b = cov_m2[i, i + 1] + noise_m2[:, None, 0, 1]
+    c = cov_m2[i + 1, i + 1] + noise_m2[:, None, 1, 1]
+    e = xy_m[:, None, :] - predicted_m
+    ex, ey = e[..., 0], e[..., 1]
+    det = np.maximum(a * c - b * b, 1e-18)
+    return (ex * ex * c - 2.0 * ex * ey * b + ey * ey * a) / det, np.log(det)
+
+
+def colour_cost(observed: Array, mapped: Array) -> Array:
+    """Return -2 log of the colours' likelihood ratio, (m, k); 0 says nothing.
+
+    The ratio is ``sum_c p_obs(c) p_map(c) / prior(c)`` over the four colours with
+    a uniform prior, where unknown spreads evenly; it is bounded to [1/20, 4].
+    """
+    ratio = 4.0 * _four_colours(observed) @ _four_colours(mapped).T
+    cost: Array = -2.0 * np.log(np.clip(ratio, 0.05, 4.0))
+    return cost
+
+
+def _four_colours(prob: Array) -> Array:
+    spread = prob[:, :4] + 0.25 * prob[:, 4:]
+    total: Array = spread / np.maximum(spread.sum(axis=1, keepdims=True), 1e-12)
+    return total

@@ -1,0 +1,186 @@
+"""Association one pair after the other, each given those before it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from conegraph.backends.pairing_problem import Mask, Pairing, Problem, mahalanobis
+from conegraph.config import AssociationConfig
+from conegraph.types import Array, IntArray
+
+CONSTELLATION = 4
+"""Cones that must fit together before loosely known ones are recognised."""
+
+MAX_SEEDS = 12
+"""Pairs tried as the first of a constellation."""
+
+
+@dataclass(frozen=True, slots=True)
+class _State:
+    """Pairs made so far, and the predictions given them."""
+
+    h: Array
+    cov: Array
+    column: IntArray
+    d2: Array
+    score: float
+
+    @property
+    def used(self) -> Mask:
+        mask = np.zeros(len(self.h), dtype=bool)
+        mask[self.column[self.column >= 0]] = True
+        return mask
+
+
+def pair_sequentially(config: AssociationConfig, problem: Problem) -> Pairing:
+    """Accept the surest pairs, condition all other predictions on them, repeat.
+
+    A pair must pass the gate given the pairs before it, beat every rival for
+    either side by `ambiguity_d2`, and beat "this is a new cone" by `new_margin`;
+    pairs are accepted in the order of ``d2 + log|S| + colour``. Pairs that pass
+    their own gates but contradict each other jointly cannot arise, as they do when
+    each is tested alone (Neira and Tardos, "Data association in stochastic mapping
+    using the joint compatibility test", 2001).
+
+    What is left over may be cones that were mapped long ago, all displaced by the
+    same drift: see `_recognise`.
+    """
+    m = len(problem.xy_m)
+    start = _State(
+        problem.predicted.xy_m,
+        problem.predicted.cov_m2,
+        np.full(m, -1, dtype=np.int64),
+        np.full(m, np.inf),
+        0.0,
+    )
+    state = _recognise(config, problem, _advance(config, problem, start))
+    d2, _ = mahalanobis(problem.xy_m, problem.noise_m2, state.h, state.cov)
+    loose = _sigma(state.cov) > problem.loose_m
+    free_d2 = np.where(state.used | loose, np.inf, d2).min(axis=1)
+    matched = state.column >= 0
+    nearest_d2 = np.where(matched, state.d2, d2.min(axis=1))
+    return Pairing(state.column, nearest_d2, free_d2, loose & ~state.used)
+
+
+def _advance(config: AssociationConfig, problem: Problem, state: _State) -> _State:
+    """Make every pair that is sure; the first, which fix the pose, one at a time.
+
+    Later rounds double: conditioning on more pairs hardly changes what is left.
+    """
+    for rounds in range(len(problem.xy_m)):
+        d2, logdet = mahalanobis(problem.xy_m, problem.noise_m2, state.h, state.cov)
+        free = problem.allowed & (state.column < 0)[:, None] & ~state.used
+        weighed = np.where(free, d2 + problem.cost, np.inf)
+        gain = problem.new_cost - weighed - logdet
+        sure = free & (d2 <= config.gate_d2) & (gain >= config.new_margin)
+        sure &= _beats_rivals(weighed, config.ambiguity_d2)
+        row, col = np.nonzero(sure)
+        if len(row) == 0:
+            break
+        order = np.argsort(-gain[row, col], kind="stable")
+        limit = 1 if rounds < 3 else 2 ** (rounds - 2)
+        row, col = _one_to_one(row[order], col[order], limit)
+        state = _accept(problem, state, row, col, d2, gain)
+    return state
+
+
+def _recognise(config: AssociationConfig, problem: Problem, state: _State) -> _State:
+    """Recognise cones whose places are too vague to be matched one by one.
+
+    After a lap the cones of the start are predicted with an uncertainty that may
+    exceed their spacing, but they all move together. Each possible pair is tried as
+    a seed that fixes this common displacement, and the rest follow. The best
+    constellation is taken if it has `CONSTELLATION` cones and its log-likelihood
+    leads every other's by `ambiguity_d2`; else none is.
+    """
+    d2, logdet = mahalanobis(problem.xy_m, problem.noise_m2, state.h, state.cov)
+    loose = _sigma(state.cov) > problem.loose_m
+    free = problem.allowed & (state.column < 0)[:, None] & ~state.used & loose
+    row, col = np.nonzero(free & (d2 <= config.gate_d2))
+    if len(np.unique(row)) < CONSTELLATION:
+        return state
+    order = np.argsort(d2[row, col], kind="stable")[:MAX_SEEDS]
+    gain = problem.new_cost - d2 - problem.cost - logdet
+    tried = []
+    for i, j in zip(row[order], col[order], strict=True):
+        seeded = _accept(problem, state, np.array([i]), np.array([j]), d2, gain)
+        tried.append(_advance(config, problem, seeded))
+    best = max(tried, key=lambda s: s.score)
+    settled = best.column >= 0
+    if settled.sum() - (state.column >= 0).sum() < CONSTELLATION:
+        return state
+    rivals = [s for s in tried if (s.column[settled] != best.column[settled]).any()]
+    runner_up = max((s.score for s in rivals), default=state.score)
+    return best if best.score - runner_up >= config.ambiguity_d2 else state
+
+
+def _accept(
+    problem: Problem,
+    state: _State,
+    row: IntArray,
+    col: IntArray,
+    d2: Array,
+    gain: Array,
+) -> _State:
+    """Return the state with pairs added and predictions conditioned on them.
+
+    ``G = C_:j (C_jj + R)^-1, h += G (y - h_j), C -= G C_j:``.
+    """
+    index = np.stack([2 * col, 2 * col + 1], axis=1).ravel()
+    S = state.cov[np.ix_(index, index)]
+    i = 2 * np.arange(len(col))
+    for a in range(2):
+        for b in range(2):
+            S[i + a, i + b] += problem.noise_m2[row, a, b]
+    G = np.linalg.solve(S, state.cov[index]).T
+    shift = G @ (problem.xy_m[row] - state.h[col]).ravel()
+    column, matched_d2 = state.column.copy(), state.d2.copy()
+    column[row], matched_d2[row] = col, d2[row, col]
+    return _State(
+        state.h + shift.reshape(-1, 2),
+        state.cov - G @ state.cov[index],
+        column,
+        matched_d2,
+        state.score + float(gain[row, col].sum()),
+    )
+
+
+def _sigma(cov: Array) -> Array:
+    """(k,) largest sigma of each predicted cone."""
+    i = 2 * np.arange(len(cov) // 2)
+    a, b, c = cov[i, i], cov[i, i + 1], cov[i + 1, i + 1]
+    half = 0.5 * (a + c)
+    largest = half + np.sqrt(np.maximum(half**2 - (a * c - b * b), 0.0))
+    sigma: Array = np.sqrt(np.maximum(largest, 0.0))
+    return sigma
+
+
+def _beats_rivals(weighed: Array, margin: float) -> Mask:
+    """(m, k) whether a pair is better than any other of its row and column."""
+    wins = np.ones(weighed.shape, dtype=bool)
+    for axis in (0, 1):
+        if weighed.shape[axis] < 2:
+            continue
+        two = np.partition(weighed, 1, axis=axis)
+        best, second = np.split(two.take([0, 1], axis=axis), 2, axis=axis)
+        rival = np.where(weighed == best, second, best)
+        with np.errstate(invalid="ignore"):
+            wins &= rival - weighed >= margin
+    return wins
+
+
+def _one_to_one(row: IntArray, col: IntArray, limit: int) -> tuple[IntArray, IntArray]:
+    """Return the first pairs, at most ``limit``, with no row or column repeated."""
+    taken_rows: set[int] = set()
+    taken_cols: set[int] = set()
+    chosen: list[int] = []
+    for n, (i, j) in enumerate(zip(row.tolist(), col.tolist(), strict=True)):
+        if len(chosen) == limit:
+            break
+        if i not in taken_rows and j not in taken_cols:
+            taken_rows.add(i)
+            taken_cols.add(j)
+            chosen.append(n)
+    return row[chosen], col[chosen]
