@@ -7,6 +7,9 @@ from pathlib import Path
 
 import pytest
 
+# As the command line does, and before numpy is imported.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 ROOT = Path(__file__).resolve().parents[1]
 
 

@@ -195,13 +195,13 @@ def test_override_values_are_toml_or_bare_text(text: str, value: object) -> None
 def test_choosing_a_back_end_drops_only_the_other_ones_keys(tmp_path: Path) -> None:
     file = tmp_path / "c.toml"
     file.write_text(
-        '[backend]\nkind = "isam2"\npolish = false\nupdate_iterations = 3\n',
+        '[backend]\nkind = "isam2"\npolish = false\ninvariant = false\n',
         encoding="utf-8",
     )
     ekf = load_config(file, backend="ekf").backend
-    assert ekf == EkfConfig(update_iterations=3)
+    assert ekf == EkfConfig(invariant=False)
     isam2 = load_config(file, backend="isam2").backend
-    assert isam2 == Isam2Config(update_iterations=3, polish=False)
+    assert isam2 == Isam2Config(invariant=False, polish=False)
     with pytest.raises(ConfigError, match="'icp' does not exist; choose from ekf"):
         load_config(backend="icp")
 
@@ -211,7 +211,7 @@ def test_thesis_profile_lies_under_the_users_keys() -> None:
     assert config.backend.profile == "thesis"
     assert config.association.gate_d2 == 5
     assert config.association.method == "nearest"
-    assert config.backend.update_iterations == 1
+    assert not config.backend.invariant
     assert config.start_line.forced
     assert not Config().start_line.forced
 

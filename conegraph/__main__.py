@@ -1,0 +1,5 @@
+"""``python -m conegraph`` is the ``conegraph`` command."""
+
+from conegraph.cli import main
+
+main()

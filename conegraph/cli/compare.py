@@ -1,0 +1,102 @@
+"""``conegraph compare``: the same stream through several back ends."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from conegraph.cli.options import (
+    ConfigOption,
+    JsonOption,
+    OutOption,
+    SaveRrdOption,
+    SetOption,
+    SourceArgument,
+    ViewOption,
+    settle_source,
+)
+
+if TYPE_CHECKING:
+    from conegraph.config import Config
+
+DEFAULT_BACKENDS = "ekf,isam2"
+
+
+def compare(
+    out: OutOption,
+    source: SourceArgument = "",
+    backends: Annotated[
+        str,
+        typer.Option(
+            metavar="A,B,…",
+            help="Back ends, each with its profile if wanted: ekf/thesis.",
+        ),
+    ] = DEFAULT_BACKENDS,
+    config: ConfigOption = None,
+    set_: SetOption = None,
+    view: ViewOption = False,
+    save_rrd: SaveRrdOption = False,
+    json_: JsonOption = False,
+) -> None:
+    """Run several back ends over one stream and judge them."""
+    from conegraph.config import load_config
+
+    configs = {
+        name: settle_source(source, load_config(config, set_ or [], backend=backend))
+        for name, backend in _named(backends).items()
+    }
+    compare_configs(configs, out, view=view, save_rrd=save_rrd, json_=json_)
+
+
+def compare_configs(
+    configs: dict[str, Config], out: Path, *, view: bool, save_rrd: bool, json_: bool
+) -> None:
+    """Run every configuration over one stream, write the report and print it.
+
+    Args:
+        configs: by name, which is also the run's folder in ``out``.
+        out: where the report goes, and the runs' folders.
+        view: whether to show the runs live.
+        save_rrd: whether to write the recording.
+        json_: whether to print JSON in place of the table.
+    """
+    from conegraph.cli.session import Job, print_comparison, run_jobs
+    from conegraph.eval import write_report
+
+    jobs = {name: Job(config, out / name) for name, config in configs.items()}
+    results = run_jobs(jobs, out, view=view, save_rrd=save_rrd)
+    judged = {
+        name: (result.folder, result.metrics)
+        for name, result in results.items()
+        if result.folder is not None and result.metrics is not None
+    }
+    first = next(iter(results.values()))
+    comparison = write_report(
+        out,
+        {name: folder for name, (folder, _) in judged.items()},
+        {name: metrics for name, (_, metrics) in judged.items()},
+        first.truth,
+        title=f"{first.summary['source']}: {', '.join(configs)}",
+    )
+    if json_:
+        typer.echo((out / "report.json").read_text(encoding="utf-8"), nl=False)
+        return
+    print_comparison(comparison)
+    typer.echo(f"Report: {out / 'report.html'}")
+    if save_rrd:
+        typer.echo(f"Recording: conegraph view {out}")
+
+
+def _named(backends: str) -> dict[str, str]:
+    """Return the back ends by the names of their folders: ``ekf/thesis`` by ekf-thesis.
+
+    Raises:
+        typer.BadParameter: none is given, or one twice.
+    """
+    given = [part.strip() for part in backends.split(",") if part.strip()]
+    named = {backend.replace("/", "-"): backend for backend in given}
+    if not given or len(named) < len(given):
+        raise typer.BadParameter(f"--backends {backends!r}: name each of them once")
+    return named

@@ -1,0 +1,15 @@
+"""``conegraph demo``: the main job, on a drive that needs no data."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from conegraph.cli.compare import DEFAULT_BACKENDS, compare
+from conegraph.cli.options import OutOption, ViewOption
+
+DRIVE = "sim:autocross?laps=2&seed=1&sensor=camera&odometry=on"
+
+
+def demo(out: OutOption = Path("out/demo"), view: ViewOption = False) -> None:
+    """Simulate two laps, run both back ends, and judge them."""
+    compare(out, DRIVE, DEFAULT_BACKENDS, view=view, save_rrd=True)

@@ -1,0 +1,58 @@
+"""Options that several verbs share, each described once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from conegraph.config import Config
+
+SourceArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="SOURCE",
+        help="What to read: a cone-log folder, mrclam:FOLDER/RobotN, "
+        "victoria-park[:FILE], or sim:TRACK[?laps=N&seed=N&sensor=camera|lidar"
+        "&odometry=on|off]. May be left out when the config names it.",
+        show_default=False,
+    ),
+]
+OutOption = Annotated[
+    Path,
+    typer.Option("--out", metavar="DIR", help="Folder to write into.", file_okay=False),
+]
+ConfigOption = Annotated[
+    Path | None,
+    typer.Option("-c", "--config", metavar="FILE", help="Configuration in TOML."),
+]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Override one key, as in association.gate_d2=9. Repeatable.",
+    ),
+]
+ViewOption = Annotated[
+    bool, typer.Option("--view", help="Show the run live in the Rerun viewer.")
+]
+SaveRrdOption = Annotated[
+    bool, typer.Option("--save-rrd", help="Write the Rerun recording DIR/run.rrd.")
+]
+JsonOption = Annotated[
+    bool, typer.Option("--json", help="Print JSON in place of the table.")
+]
+
+
+def settle_source(source: str, config: Config) -> Config:
+    """Return the config with the SOURCE that counts: the argument, else its own.
+
+    Raises:
+        typer.BadParameter: neither names a source.
+    """
+    if not (source or config.source):
+        raise typer.BadParameter("give a SOURCE, or a config that names one")
+    return config.model_copy(update={"source": source}) if source else config

@@ -1,0 +1,91 @@
+"""One stream through one or more back ends, and what the judge says to it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.text import Text
+
+from conegraph.cli.progress import progress_bar
+from conegraph.config import Config
+from conegraph.eval import Comparison, render_table
+from conegraph.pipeline import Pipeline, RunResult
+from conegraph.sources import open_source
+from conegraph.types import ConeMap, Source
+from conegraph.viewer import Viewer, open_viewer
+
+RECORDING = "run.rrd"
+WIDTH_WITHOUT_TERMINAL = 100
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One run to make: its configuration, its folder, and what it may use of a map."""
+
+    config: Config
+    folder: Path
+    known_map: ConeMap | None = None
+    add_cones: bool = True
+
+
+def run_jobs(
+    jobs: Mapping[str, Job], out: Path, *, view: bool, save_rrd: bool
+) -> dict[str, RunResult]:
+    """Send one stream through every job in turn; the source is read once.
+
+    Args:
+        jobs: by name; the first one's config names the source.
+        out: the folder of the whole, for the recording.
+        view: whether to show the runs live.
+        save_rrd: whether to write the recording.
+
+    Raises:
+        ConegraphError: the source cannot be read, or a folder not be written.
+    """
+    config = next(iter(jobs.values())).config
+    with progress_bar(f"reading {config.source}"):
+        source = open_source(config.source, seed=config.seed)
+    out.mkdir(parents=True, exist_ok=True)
+    recording = out / RECORDING
+    # One of an earlier run would not be of this one.
+    recording.unlink(missing_ok=True)
+    with ExitStack() as closing:
+        viewers = open_viewer(
+            tuple(jobs),
+            live=view,
+            path=recording if save_rrd else None,
+            map_period_s=config.viewer.map_period_s,
+        )
+        for viewer in viewers.values():
+            closing.callback(viewer.close)
+        return {
+            name: _run_job(name, job, source, viewers[name])
+            for name, job in jobs.items()
+        }
+
+
+def _run_job(name: str, job: Job, source: Source, viewer: Viewer) -> RunResult:
+    pipeline = Pipeline(
+        job.config,
+        source,
+        viewer=viewer,
+        known_map=job.known_map,
+        add_cones=job.add_cones,
+    )
+    with progress_bar(name, source.n_frames) as advance:
+        return pipeline.run(job.folder, advance)
+
+
+def print_comparison(comparison: Comparison) -> None:
+    """Print the table of figures, what is odd about them, and the verdict."""
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=WIDTH_WITHOUT_TERMINAL)
+    console.print(render_table(comparison))
+    for warning in comparison.warnings:
+        console.print(Text(f"Note: {warning}"))
+    console.print(Text(comparison.verdict))
