@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from conegraph.cli.options import OutOption
+from conegraph.sources import MAX_LAPS, SimOptions, simulate_track
 
 
 class Sensor(StrEnum):
@@ -26,7 +27,7 @@ def simulate(
         ),
     ],
     out: OutOption,
-    laps: Annotated[int, typer.Option(help="Laps to drive.", min=1, max=1000)] = 2,
+    laps: Annotated[int, typer.Option(help="Laps to drive.", min=1, max=MAX_LAPS)] = 2,
     seed: Annotated[int, typer.Option(help="Seed of all noise.", min=0)] = 0,
     sensor: Annotated[
         Sensor, typer.Option(help="The cone sensor on the car.")
@@ -36,7 +37,6 @@ def simulate(
     """Drive a track in the simulator; write a cone log."""
     from conegraph.cli.progress import progress_bar
     from conegraph.io.cone_log import write_cone_log
-    from conegraph.sources import SimOptions, simulate_track
 
     with progress_bar(f"driving {track}"):
         recording = simulate_track(
