@@ -1,8 +1,7 @@
 """Which observation is which cone: three methods, one result.
 
 All work on the cones of the map predicted into the car frame with their joint
-covariance, so that they know nothing of the estimator behind it. ``known`` is
-``sequential`` with all pairs but the true ones forbidden.
+covariance, so that they know nothing of the estimator behind it.
 """
 
 from __future__ import annotations
@@ -23,7 +22,22 @@ def associate(config: AssociationConfig, problem: Problem) -> Pairing:
         return Pairing(none, nowhere, nowhere, np.zeros(k, dtype=bool))
     if config.method == "nearest":
         return pair_nearest(config, problem)
+    if config.method == "known":
+        return pair_known(problem)
     return pair_sequentially(config, problem)
+
+
+def pair_known(problem: Problem) -> Pairing:
+    """Give each observation the one cone it is allowed to have, however far."""
+    predicted = problem.predicted
+    d2, _ = mahalanobis(
+        problem.xy_m, problem.noise_m2, predicted.xy_m, predicted.cov_m2
+    )
+    d2 = np.where(problem.allowed, d2, np.inf)
+    known = problem.allowed.any(axis=1)
+    column = np.where(known, problem.allowed.argmax(axis=1), -1)
+    loose = np.zeros(d2.shape[1], dtype=bool)
+    return Pairing(column, d2.min(axis=1), np.full(len(d2), np.inf), loose)
 
 
 def pair_nearest(config: AssociationConfig, problem: Problem) -> Pairing:

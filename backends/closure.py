@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -180,6 +180,4 @@ def forced_start_pairs(
         slot.append(int(mapped[there[gap.argmin()]]))
     slots, update, birth = pairs.slot.copy(), pairs.update.copy(), pairs.birth.copy()
     slots[row], update[row], birth[row] = slot, True, False
-    return Pairs(
-        slots, pairs.d2, birth, pairs.ambiguous, update, pairs.visible, pairs.n_known
-    )
+    return replace(pairs, slot=slots, update=update, birth=birth)

@@ -15,7 +15,7 @@ from gtsam.symbol_shorthand import B, L, V, X
 
 from conegraph.backends.motion import OdometryIncrement
 from conegraph.backends.sensor_noise import bearing_range_covariance
-from conegraph.config import Isam2Config, MotionConfig
+from conegraph.config import MotionConfig
 from conegraph.types import Array, IntArray
 
 ORIGIN_SIGMAS = np.array([1e-3, 1e-3, 1e-4])
@@ -144,7 +144,7 @@ def _body_cov(delta: Array, cov: Array) -> Array:
 
 
 def cone_factors(
-    k: int, cone: IntArray, xy_m: Array, cov_m2: Array, config: Isam2Config
+    k: int, cone: IntArray, xy_m: Array, cov_m2: Array, kernels: Sequence[float | None]
 ) -> Sequence[gtsam.NonlinearFactor]:
     """Join ``x_k`` to cones by bearing and range with their full 2x2 covariance.
 
@@ -153,7 +153,7 @@ def cone_factors(
         cone: (n,) ids.
         xy_m: (n, 2) where they were seen, car frame.
         cov_m2: (n, 2, 2) their covariances there.
-        config: robust kernel (Cauchy: ``w = 1 / (1 + (e/c)^2)``) and its width.
+        kernels: (n,) width of a Cauchy kernel ``w = 1 / (1 + (e/c)^2)``, or None.
     """
     bearing = np.arctan2(xy_m[:, 1], xy_m[:, 0])
     range_m = np.hypot(xy_m[:, 0], xy_m[:, 1])
@@ -164,18 +164,18 @@ def cone_factors(
             L(int(cone[i])),
             gtsam.Rot2(bearing[i]),
             range_m[i],
-            _cone_noise(cov[i], config),
+            _cone_noise(cov[i], kernels[i]),
         )
         for i in range(len(cone))
     ]
 
 
-def _cone_noise(cov: Array, config: Isam2Config) -> gtsam.noiseModel.Base:
+def _cone_noise(cov: Array, kernel: float | None) -> gtsam.noiseModel.Base:
     noise = gtsam.noiseModel.Gaussian.Covariance(cov)
-    if config.robust_kernel == "none":
+    if kernel is None:
         return noise
-    kernel = gtsam.noiseModel.mEstimator.Cauchy.Create(config.robust_width)
-    return gtsam.noiseModel.Robust.Create(kernel, noise)
+    cauchy = gtsam.noiseModel.mEstimator.Cauchy.Create(kernel)
+    return gtsam.noiseModel.Robust.Create(cauchy, noise)
 
 
 def one_cone(kept: int, gone: int) -> gtsam.NonlinearFactor:

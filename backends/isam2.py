@@ -6,14 +6,12 @@ import time
 from dataclasses import replace
 
 import numpy as np
-from gtsam.symbol_shorthand import L
 
 from conegraph.backends.mapper import Mapper
 from conegraph.backends.snapshot import take_snapshot
 from conegraph.backends.tracker import TrackedFrame, Tracker
 from conegraph.config import Config, Isam2Config
 from conegraph.types import (
-    Array,
     Associations,
     ConeMap,
     ConeObservations,
@@ -100,11 +98,8 @@ class Isam2Backend(Tracker):
         for row, cone in enumerate(book.id.tolist()):
             if cone in self.mapper.cones:
                 book.xy_m[row] = self.mapper.cone_m(cone)
-                book.cov_m2[row] = self._marginal(cone)
+                book.cov_m2[row] = self.mapper.cone_cov_m2(cone)
         return path
-
-    def _marginal(self, cone: int) -> Array:
-        return np.asarray(self.mapper.isam.marginalCovariance(L(cone)))
 
     def _is_due(self, newest: TrackedFrame) -> bool:
         if newest.closure or len(self._waiting) >= MANY_FRAMES:

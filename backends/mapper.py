@@ -128,7 +128,7 @@ class Mapper:
         self._sightings.update(frame.landmark_id.tolist())
         begin = self._graph.size() + self._new.size()
         for factor in cone_factors(
-            k, frame.landmark_id, frame.xy_m, frame.cov_m2, self._config
+            k, frame.landmark_id, frame.xy_m, frame.cov_m2, self._kernels(frame)
         ):
             self._new.add(factor)
         if frame.closure:
@@ -138,6 +138,16 @@ class Mapper:
             if kept in self.cones and gone in self.cones:
                 self._new.add(one_cone(kept, gone))
         self._last_state = frame.state
+
+    def _kernels(self, frame: TrackedFrame) -> list[float | None]:
+        """Return each sighting's kernel width.
+
+        Cones found again after a drift were tested as a constellation and pull
+        without a kernel: one would see the drift as an outlier and let go.
+        """
+        plain = self._config.robust_kernel == "none"
+        width = self._config.robust_width
+        return [None if plain or found else width for found in frame.vague.tolist()]
 
     def _join(self, k: int, frame: TrackedFrame) -> None:
         """Add the motion between the last frame and this one."""
@@ -260,12 +270,17 @@ class Mapper:
             graph = self._live(self._graph.size())
             try:
                 values = solve(graph, values)
-                self.isam = _new_isam()
-                self.isam.update(graph, values)
+                isam = _new_isam()
+                isam.update(graph, values)
+                self.isam = isam
             except RuntimeError as error:
                 log.warning("batch: %s; keeping what iSAM2 had", _short(error))
         poses = [_as_array(values.atPose2(X(k))) for k in range(len(self.stamps_s))]
         return Trajectory(np.array(self.stamps_s), np.array(poses).reshape(-1, 3))
+
+    def cone_cov_m2(self, cone: int) -> Array:
+        """(2, 2) covariance of a cone in the world."""
+        return np.asarray(self.isam.marginalCovariance(L(cone)))
 
 
 def solve(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> gtsam.Values:

@@ -21,6 +21,10 @@ NV = 6
 """Length of the car's state."""
 
 
+STEP_FLOOR = (1e-7, 1e-7, 1e-8)
+"""Variances (m^2, m^2, rad^2) of the smallest step: exact ones break solvers."""
+
+
 @dataclass(frozen=True, slots=True)
 class Prediction:
     """The car's state one step later: mean (6,), Jacobian F and noise Q (6, 6)."""
@@ -204,7 +208,7 @@ def _sum_segments(
     slip = config.slip_sigma_m_per_sqrt_m**2 * np.abs(step)
     sideways = np.stack([-s, c], axis=1)
     cov[:2, :2] += np.einsum("n,ni,nj->ij", slip, sideways, sideways)
-    cov += np.diag([1e-8, 1e-8, 1e-9])
+    cov += np.diag(STEP_FLOOR)
     bias_jacobian = -np.einsum("nij,nj->i", jac[:, :, 1:], dt[:, None])
     return OdometryIncrement(
         float(dt.sum()), delta, cov, bias_jacobian, last, np.array(last_cov)

@@ -11,7 +11,12 @@ from numpy.typing import NDArray
 from conegraph.backends.association import associate
 from conegraph.backends.landmark_filter import PredictedCones
 from conegraph.backends.local_map import LocalMap
-from conegraph.backends.pairing_problem import Pairing, Problem, colour_cost
+from conegraph.backends.pairing_problem import (
+    Pairing,
+    Problem,
+    colour_cost,
+    largest_sigma,
+)
 from conegraph.backends.sensor_noise import polar_sigmas
 from conegraph.config import Config
 from conegraph.types import (
@@ -60,6 +65,7 @@ class Pairs:
         update: (m,) matches that are still to correct the filter.
         visible: slots of the cones whose places are known and were looked at.
         n_known: observations that lie where the map has cones.
+        vague: (m,) matches with cones whose predicted places were vague.
     """
 
     slot: IntArray
@@ -69,6 +75,7 @@ class Pairs:
     update: Mask
     visible: IntArray
     n_known: int
+    vague: Mask
 
     @property
     def matched(self) -> Mask:
@@ -96,6 +103,7 @@ class FramePairer:
         self._sensor = sensor
         roles = config.roles.model_dump()
         self._failures = 0
+        self._seen = 0.0
         self._appearances: deque[bool] = deque([True] * MEMORY, maxlen=MEMORY)
         self._role = np.array([ROLE_INDEX[roles[label]] for label in CLASS_LABELS])
 
@@ -108,11 +116,14 @@ class FramePairer:
         """Pair a frame's cones with the map's.
 
         If fewer than `FEW_MATCHES` of the cones in the known area match, the car
-        may have moved more than its model allows: with `noise` (6, 6) added
-        `RESCUE` times, doubled for every frame in a row that failed, the pairing is
-        tried again. It is kept if more match, and then so is the added noise.
+        may have moved more than its model allows: with `noise` (6, 6), the process
+        noise since the last match, added `RESCUE` times, doubled for every frame in
+        a row that failed, the pairing is tried again. It is kept if more match, and
+        then so is the added noise.
         """
-        visible = map_.visible(self._sensor)
+        if len(frame):
+            self._seen += (len(frame) - self._seen) / MEMORY
+        visible = self._candidates(map_, frame)
         predicted = map_.filter.predict_cones(visible)
         first = self._associate(map_, frame, predicted)
         gap = np.linalg.norm(frame.xy_m[:, None] - predicted.xy_m, axis=2)
@@ -120,25 +131,32 @@ class FramePairer:
         known = gap.min(axis=1, initial=np.inf) < KNOWN_AREA_M
         n_known = int(known.sum())
         hits = int((first.matched & known).sum())
-        sure_ids = self._knows_ids(frame)
-        enough = n_known >= (1 if sure_ids else 3)
-        checked = self._config.association.method != "nearest"
+        enough = n_known >= 3
+        checked = self._config.association.method == "sequential"
         if checked and enough and hits < FEW_MATCHES * n_known:
             doubt = RESCUE * 2.0 ** min(self._failures, MAX_DOUBLINGS) * noise
             map_.filter.inflate(doubt)
             again = self._associate(map_, frame, map_.filter.predict_cones(visible))
             better = int((again.matched & known).sum())
-            if better > hits + (0 if sure_ids else 1):
+            if better > hits + 1:
                 first, hits = again, better
             else:
                 map_.filter.inflate(-doubt)
-        failed = enough and hits < 0.5 * n_known
-        self._failures = self._failures + 1 if failed else 0
-        pairs = self._decide(first, visible, n_known, hits)
+        if enough:
+            failed = hits < 0.5 * n_known
+            self._failures = self._failures + 1 if failed else 0
+        pairs = self._decide(first, predicted, n_known, hits)
         if frame.truth_id is not None and self._knows_ids(frame):
             unseen = ~np.isin(frame.truth_id, map_.book.truth_id)
             return replace(pairs, birth=unseen & (frame.truth_id >= 0))
         return pairs
+
+    def _candidates(self, map_: LocalMap, frame: ConeObservations) -> IntArray:
+        """Slots of the cones in view; with true ids, of those that were seen."""
+        if frame.truth_id is not None and self._knows_ids(frame):
+            seen = np.isin(map_.book.truth_id[map_.row], frame.truth_id)
+            return np.flatnonzero(seen).astype(np.int64)
+        return map_.visible(self._sensor)
 
     def _knows_ids(self, frame: ConeObservations) -> bool:
         method = self._config.association.method
@@ -168,7 +186,7 @@ class FramePairer:
                 cost,
                 allowed,
                 self._loose_limit(predicted.xy_m),
-                np.inf if self._knows_ids(frame) else self._new_cost(),
+                self._new_cost(),
             ),
         )
 
@@ -183,11 +201,14 @@ class FramePairer:
     def _new_cost(self) -> float:
         """Return ``-2 log(2 pi lambda)``: what a new cone costs beside a match.
 
-        lambda is the density of cones where nothing is mapped, times the share of
-        new ones among the cones that lately came into view.
+        lambda is the density of new cones: of those that one frame shows in the
+        sensor's view, times the share of new ones among the cones that lately came
+        into view.
         """
+        s = self._sensor
+        area_m2 = s.half_fov_rad * (s.max_range_m**2 - s.min_range_m**2)
         share = (sum(self._appearances) + 0.5) / (MEMORY + 1.0)
-        density = self._config.association.new_cones_per_m2 * share
+        density = (self._seen + 0.5) / max(area_m2, 1.0) * share
         return float(-2.0 * np.log(2.0 * np.pi * density))
 
     def note_appearances(self, n_new: int, n_returned: int) -> None:
@@ -195,7 +216,11 @@ class FramePairer:
         self._appearances.extend([True] * n_new + [False] * n_returned)
 
     def _decide(
-        self, pairing: Pairing, visible: IntArray, n_known: int, hits: int
+        self,
+        pairing: Pairing,
+        predicted: PredictedCones,
+        n_known: int,
+        hits: int,
     ) -> Pairs:
         """Choose what is born: nothing near a known cone, nothing while confused.
 
@@ -203,11 +228,14 @@ class FramePairer:
         suffices: one frame does not show one cone twice.
         """
         config = self._config.association
-        slot = (
-            np.where(pairing.matched, visible[pairing.column], -1)
-            if len(visible)
-            else pairing.column
-        )
+        visible = predicted.slot
+        slot = pairing.column.copy()
+        vague = np.zeros(len(slot), dtype=bool)
+        if len(visible):
+            limit = self._loose_limit(predicted.xy_m)
+            loose = largest_sigma(predicted.cov_m2) > limit
+            slot = np.where(pairing.matched, visible[pairing.column], -1)
+            vague = pairing.matched & loose[pairing.column]
         free = ~pairing.matched
         birth = free & (pairing.free_d2 > config.no_birth_d2)
         birth &= pairing.d2 > config.gate_d2
@@ -223,6 +251,7 @@ class FramePairer:
             pairing.matched.copy(),
             visible[~pairing.loose],
             n_known,
+            vague,
         )
 
 

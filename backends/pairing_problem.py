@@ -84,6 +84,16 @@ def mahalanobis(
     return (ex * ex * c - 2.0 * ex * ey * b + ey * ey * a) / det, np.log(det)
 
 
+def largest_sigma(cov: Array) -> Array:
+    """(k,) largest sigma of each of k places, from their joint covariance (2k, 2k)."""
+    i = 2 * np.arange(len(cov) // 2)
+    a, b, c = cov[i, i], cov[i, i + 1], cov[i + 1, i + 1]
+    half = 0.5 * (a + c)
+    largest = half + np.sqrt(np.maximum(half**2 - (a * c - b * b), 0.0))
+    sigma: Array = np.sqrt(np.maximum(largest, 0.0))
+    return sigma
+
+
 def colour_cost(observed: Array, mapped: Array) -> Array:
     """Return -2 log of the colours' likelihood ratio, (m, k); 0 says nothing.
 

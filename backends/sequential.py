@@ -6,7 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from conegraph.backends.pairing_problem import Mask, Pairing, Problem, mahalanobis
+from conegraph.backends.pairing_problem import (
+    Mask,
+    Pairing,
+    Problem,
+    largest_sigma,
+    mahalanobis,
+)
 from conegraph.config import AssociationConfig
 from conegraph.types import Array, IntArray
 
@@ -57,7 +63,7 @@ def pair_sequentially(config: AssociationConfig, problem: Problem) -> Pairing:
     )
     state = _recognise(config, problem, _advance(config, problem, start))
     d2, _ = mahalanobis(problem.xy_m, problem.noise_m2, state.h, state.cov)
-    loose = _sigma(state.cov) > problem.loose_m
+    loose = largest_sigma(state.cov) > problem.loose_m
     free_d2 = np.where(state.used | loose, np.inf, d2).min(axis=1)
     matched = state.column >= 0
     nearest_d2 = np.where(matched, state.d2, d2.min(axis=1))
@@ -73,7 +79,7 @@ def _advance(config: AssociationConfig, problem: Problem, state: _State) -> _Sta
         d2, logdet = mahalanobis(problem.xy_m, problem.noise_m2, state.h, state.cov)
         free = problem.allowed & (state.column < 0)[:, None] & ~state.used
         weighed = np.where(free, d2 + problem.cost, np.inf)
-        gain = problem.new_cost - weighed - logdet
+        gain = problem.new_cost - d2 - problem.cost - logdet
         sure = free & (d2 <= config.gate_d2) & (gain >= config.new_margin)
         sure &= _beats_rivals(weighed, config.ambiguity_d2)
         row, col = np.nonzero(sure)
@@ -96,7 +102,7 @@ def _recognise(config: AssociationConfig, problem: Problem, state: _State) -> _S
     leads every other's by `ambiguity_d2`; else none is.
     """
     d2, logdet = mahalanobis(problem.xy_m, problem.noise_m2, state.h, state.cov)
-    loose = _sigma(state.cov) > problem.loose_m
+    loose = largest_sigma(state.cov) > problem.loose_m
     free = problem.allowed & (state.column < 0)[:, None] & ~state.used & loose
     row, col = np.nonzero(free & (d2 <= config.gate_d2))
     if len(np.unique(row)) < CONSTELLATION:
@@ -145,16 +151,6 @@ def _accept(
         matched_d2,
         state.score + float(gain[row, col].sum()),
     )
-
-
-def _sigma(cov: Array) -> Array:
-    """(k,) largest sigma of each predicted cone."""
-    i = 2 * np.arange(len(cov) // 2)
-    a, b, c = cov[i, i], cov[i, i + 1], cov[i + 1, i + 1]
-    half = 0.5 * (a + c)
-    largest = half + np.sqrt(np.maximum(half**2 - (a * c - b * b), 0.0))
-    sigma: Array = np.sqrt(np.maximum(largest, 0.0))
-    return sigma
 
 
 def _beats_rivals(weighed: Array, margin: float) -> Mask:

@@ -61,7 +61,7 @@ def match_gate(
     poses = _poses_from_pairs(seen_m[seen_start], mapped_m[mapped_start])
     if len(poses) == 0:
         return "no two start cones as far apart as the map's"
-    counts = np.array([_explained(p, seen_m, mapped_m).sum() for p in poses])
+    counts = np.array([int(_explained(p, seen_m, mapped_m).sum()) for p in poses])
     best = int(counts.argmax())
     gap = between(poses[best], poses)
     other = (np.hypot(gap[:, 0], gap[:, 1]) > RIVAL_M) | (np.abs(gap[:, 2]) > RIVAL_RAD)

@@ -32,7 +32,13 @@ from conegraph.backends.motion import (
     predict_with_odometry,
 )
 from conegraph.backends.odometry_queue import OdometryQueue
-from conegraph.backends.pairing import ROLE_INDEX, FramePairer, Pairs, overdue
+from conegraph.backends.pairing import (
+    ROLE_INDEX,
+    FramePairer,
+    Mask,
+    Pairs,
+    overdue,
+)
 from conegraph.backends.sensor_noise import effective_sensor, transport_covariance
 from conegraph.backends.velocity import cone_velocity
 from conegraph.config import Config
@@ -79,6 +85,8 @@ class TrackedFrame:
         landmark_id: (k,) cones seen, matched or new.
         xy_m: (k, 2) where they were seen, car frame.
         cov_m2: (k, 2, 2) sensor noise, at the predicted range.
+        vague: (k,) whether the cone was found again after its place had become
+            vague: the pair was tested as part of a constellation.
         closure: whether these close a loop.
         merged: pairs (kept, gone) of cones found to be one.
         deleted: ids of cones found not to exist.
@@ -91,6 +99,7 @@ class TrackedFrame:
     landmark_id: IntArray
     xy_m: Array
     cov_m2: Array
+    vague: Mask
     closure: bool
     merged: tuple[tuple[int, int], ...]
     deleted: tuple[int, ...]
@@ -185,7 +194,9 @@ class Tracker:
         gate_m, driven_m = self.laps.gate.middle_m, self.laps.driven_m
         closure = self._closures.check(self.map, frame, pairs, gate_m, driven_m)
         if closure.match is not None:
-            self._correct(frame, closure.match.row, closure.match.slot)
+            row = closure.match.row
+            cov = frame.cov_m2[row] * self._config.sensor.scale**2
+            self._correct(frame.xy_m[row], cov, closure.match.slot)
             again = self._pairer.pair(self.map, frame, self._noise)
             pairs = again.with_used(closure.match.row, closure.match.slot)
         return pairs, closure
@@ -218,7 +229,7 @@ class Tracker:
             before_s = self._correct_with_samples(before_s, stamp_s)
         step = self._step(filter_.vehicle, before_s, stamp_s, peek=False)
         filter_.predict(step)
-        self._noise = step.Q
+        self._noise = self._noise + step.Q
         return float(np.hypot(*(step.state[:2] - start[:2])))
 
     def _correct_with_samples(self, before_s: float, stamp_s: float) -> float:
@@ -250,29 +261,30 @@ class Tracker:
         euler = motion.integration == "euler"
         return (predict_euler if euler else predict_midpoint)(state, dt_s, motion)
 
-    def _correct(self, frame: ConeObservations, row: IntArray, slot: IntArray) -> None:
+    def _correct(self, xy_m: Array, cov_m2: Array, slot: IntArray) -> None:
         measured = self._config.sensor.noise_at == "measured"
-        self.map.filter.update_cones(
-            slot,
-            frame.xy_m[row],
-            frame.cov_m2[row] * self._config.sensor.scale**2,
-            None if measured else self.sensor,
-        )
+        model = None if measured else self.sensor
+        self.map.filter.update_cones(slot, xy_m, cov_m2, model)
 
     def _settle(self, frame: ConeObservations, pairs: Pairs, dt_s: float) -> Innovation:
         """Correct with the frame's matches; return their joint innovation."""
         if self._config.motion.cone_velocity:
             self._correct_with_cone_velocity(frame, pairs, dt_s)
         row = np.flatnonzero(pairs.matched & pairs.update).astype(np.int64)
+        noise = self._noise
+        if pairs.matched.any():
+            self._noise = np.zeros_like(noise)
         if len(row) == 0:
             return Innovation(float("nan"), 0)
         slot = pairs.slot[row]
-        cov = frame.cov_m2[row] * self._config.sensor.scale**2
+        # Known ids are never refused; a gross error among them must not pull hard.
+        excess = np.maximum(pairs.d2[row] / self._config.association.gate_d2, 1.0)
+        cov = frame.cov_m2[row] * (self._config.sensor.scale**2 * excess)[:, None, None]
         seen = self.map.filter.innovation(slot, frame.xy_m[row], cov, self.sensor)
         surprising = seen.nis > seen.dof + 4.0 * np.sqrt(2.0 * seen.dof)
         if surprising and self._config.association.method != "nearest":
-            self.map.filter.inflate(SURPRISE * self._noise)
-        self._correct(frame, row, slot)
+            self.map.filter.inflate(SURPRISE * noise)
+        self._correct(frame.xy_m[row], cov, slot)
         return seen
 
     def _correct_with_cone_velocity(
@@ -337,6 +349,7 @@ class Tracker:
             ids[has_id],
             frame.xy_m[has_id],
             noise,
+            pairs.vague[has_id],
             closure,
             merged,
             deleted,

@@ -76,8 +76,6 @@ class AssociationConfig(Section):
     """No cone is born nearer than this to a known one: it would be a duplicate."""
     ambiguity_d2: NonNegative = 6.0
     """A match must beat every rival by this much, or nothing is matched."""
-    new_cones_per_m2: Positive = 0.05
-    """Density of cones where none is mapped yet: the rival of every match."""
     new_margin: NonNegative = 3.0
     """A match must beat "a new cone" by this much in twice the log-likelihood."""
     colour: Literal["soft", "same_role"] = "soft"

@@ -31,14 +31,17 @@ from conegraph.types import (
 )
 
 RANGE_SIGMA_M = 0.12
-BEARING_SIGMA_RAD = 0.02
+BEARING_SIGMA_RAD = 0.01
 """Sigmas of the barcode camera against Vicon, without its gross outliers."""
+
+SAME_PICTURE_S = 0.02
+"""Barcodes of one picture carry stamps up to a few ms apart; pictures, 0.2 s."""
 
 U_DENSITY = 0.05**2
 """Variance of the driven distance per distance, m^2/m."""
-R_DENSITY_TURN = 0.1**2
+R_DENSITY_TURN = 0.15**2
 """Variance of the heading per turned angle, rad^2/rad."""
-R_DENSITY_DRIVE = 0.02**2
+R_DENSITY_DRIVE = 0.035**2
 """Variance of the heading per driven distance, rad^2/m."""
 U_FLOOR_MPS = 0.01
 R_FLOOR_RADPS = 0.01
@@ -53,13 +56,13 @@ SHORTEST_INTERVAL_S = 1e-3
 def read_mrclam(folder: Path, robot: str) -> Recording:
     """Read one robot's drive, with Vicon's poses and posts as the truth.
 
-    Measurements with equal stamps are one frame; stamps stay as recorded. Left out
+    Measurements less than `SAME_PICTURE_S` apart are one frame. Left out
     and counted in `rejected` are malformed rows, other robots, barcodes that nobody
     has, and measurements outside the time of the odometry. Posts have no colour:
     all classes are equally likely. ``truth_id`` is the post's subject number.
 
     The noise of the odometry is a random walk: the variance of the driven distance
-    grows by 0.05^2 |u| m^2/s, that of the heading by 0.1^2 |r| + 0.02^2 |u| rad^2/s.
+    grows by 0.05^2 |u| m^2/s, that of the heading by 0.15^2 |r| + 0.035^2 |u| rad^2/s.
     A sample stands for half the time to either neighbour; its covariance is that
     density divided by this interval, plus a floor.
 
@@ -168,7 +171,8 @@ def _sensor(seen: Array) -> SensorModel:
 
 
 def _frames(seen: Array, sensor: SensorModel) -> list[ConeObservations]:
-    stamp, begin = np.unique(seen[:, 0], return_index=True)
+    begin = np.flatnonzero(np.diff(seen[:, 0], prepend=-np.inf) > SAME_PICTURE_S)
+    stamp = seen[begin, 0]
     range_m, bearing = seen[:, 2], seen[:, 3]
     xy = np.column_stack([range_m * np.cos(bearing), range_m * np.sin(bearing)])
     cov = sensor.covariance(xy)
