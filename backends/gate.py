@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conegraph.config import GateConfig
-from conegraph.types import ConeObservations, VelocityObservation
+from conegraph.types import Array, ConeObservations, VelocityObservation
 
 
 class InputGate:
@@ -39,7 +39,7 @@ class InputGate:
             return None
         self._last_cones_s = frame.stamp_s
         xy, cov = frame.xy_m, frame.cov_m2
-        with np.errstate(invalid="ignore", over="ignore"):
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             range_m = np.hypot(xy[:, 0], xy[:, 1])
             trace = cov[:, 0, 0] + cov[:, 1, 1]
             det = cov[:, 0, 0] * cov[:, 1, 1] - cov[:, 0, 1] ** 2
@@ -47,8 +47,10 @@ class InputGate:
             least = det / (0.5 * trace + root)
             symmetric = np.abs(cov[:, 0, 1] - cov[:, 1, 0]) <= 1e-9 + 1e-6 * trace
             sigma_ok = (least >= c.min_sigma_m**2) & (trace <= 2 * c.max_sigma_m**2)
+            sigma_ok &= trace > 0.0
             prob = frame.class_prob
-            prob_ok = (prob >= 0).all(axis=1) & (prob.sum(axis=1) > 1e-6)
+            total = prob.sum(axis=1)
+            prob_ok = (prob >= 0).all(axis=1) & (total > 1e-6) & np.isfinite(total)
             checks: list[tuple[str, NDArray[np.bool_]]] = [
                 ("cone: position is not a number", np.isfinite(range_m)),
                 ("cone: too near", ~(range_m < c.min_range_m)),
@@ -83,10 +85,18 @@ class InputGate:
             reason = "odometry: too fast"
         elif abs(sample.r_radps) > c.max_yaw_rate_radps:
             reason = "odometry: turns too fast"
-        elif not (np.linalg.eigvalsh(sample.cov) > 0.0).all():
+        elif not _positive_definite(sample.cov):
             reason = "odometry: covariance unusable"
         if reason:
             self.rejected[reason] += 1
             return None
         self._last_velocity_s = sample.stamp_s
         return sample
+
+
+def _positive_definite(cov: Array) -> bool:
+    """Whether a (2, 2) covariance of finite numbers is symmetric and positive."""
+    symmetric = abs(cov[0, 1] - cov[1, 0]) <= 1e-6 * np.sqrt(
+        np.abs(cov[0, 0] * cov[1, 1])
+    )
+    return bool(symmetric and (np.linalg.eigvalsh(cov) > 0.0).all())
