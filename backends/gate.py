@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 from conegraph.config import GateConfig
 from conegraph.types import Array, ConeObservations, VelocityObservation
 
+VELOCITY_SIGMAS = (1e-6, 1e3)
+"""Sigmas (m/s, rad/s) outside of which a filter's arithmetic breaks down."""
+
 
 class InputGate:
     """Checks events in the order in which they arrive."""
@@ -38,16 +41,9 @@ class InputGate:
             self.rejected["frame: stamp does not increase"] += 1
             return None
         self._last_cones_s = frame.stamp_s
-        xy, cov = frame.xy_m, frame.cov_m2
-        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+        xy = frame.xy_m
+        with np.errstate(invalid="ignore", over="ignore"):
             range_m = np.hypot(xy[:, 0], xy[:, 1])
-            trace = cov[:, 0, 0] + cov[:, 1, 1]
-            det = cov[:, 0, 0] * cov[:, 1, 1] - cov[:, 0, 1] ** 2
-            root = np.sqrt(np.maximum((0.5 * trace) ** 2 - det, 0.0))
-            least = det / (0.5 * trace + root)
-            symmetric = np.abs(cov[:, 0, 1] - cov[:, 1, 0]) <= 1e-9 + 1e-6 * trace
-            sigma_ok = (least >= c.min_sigma_m**2) & (trace <= 2 * c.max_sigma_m**2)
-            sigma_ok &= trace > 0.0
             prob = frame.class_prob
             total = prob.sum(axis=1)
             prob_ok = (prob >= 0).all(axis=1) & (total > 1e-6) & np.isfinite(total)
@@ -55,7 +51,10 @@ class InputGate:
                 ("cone: position is not a number", np.isfinite(range_m)),
                 ("cone: too near", ~(range_m < c.min_range_m)),
                 ("cone: too far", ~(range_m > c.max_range_m)),
-                ("cone: covariance unusable", sigma_ok & symmetric),
+                (
+                    "cone: covariance unusable",
+                    _usable(frame.cov_m2, c.min_sigma_m, c.max_sigma_m),
+                ),
                 ("cone: class probabilities unusable", prob_ok),
                 ("cone: too many in one frame", np.arange(len(xy)) < c.max_cones),
             ]
@@ -85,7 +84,7 @@ class InputGate:
             reason = "odometry: too fast"
         elif abs(sample.r_radps) > c.max_yaw_rate_radps:
             reason = "odometry: turns too fast"
-        elif not _positive_definite(sample.cov):
+        elif not _usable(sample.cov[None], *VELOCITY_SIGMAS)[0]:
             reason = "odometry: covariance unusable"
         if reason:
             self.rejected[reason] += 1
@@ -94,9 +93,15 @@ class InputGate:
         return sample
 
 
-def _positive_definite(cov: Array) -> bool:
-    """Whether a (2, 2) covariance of finite numbers is symmetric and positive."""
-    symmetric = abs(cov[0, 1] - cov[1, 0]) <= 1e-6 * np.sqrt(
-        np.abs(cov[0, 0] * cov[1, 1])
-    )
-    return bool(symmetric and (np.linalg.eigvalsh(cov) > 0.0).all())
+def _usable(cov: Array, least: float, most: float) -> NDArray[np.bool_]:
+    """(N,) whether covariances (N, 2, 2) are symmetric, with sigmas within bounds."""
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+        trace = cov[:, 0, 0] + cov[:, 1, 1]
+        det = cov[:, 0, 0] * cov[:, 1, 1] - cov[:, 0, 1] ** 2
+        root = np.sqrt(np.maximum((0.5 * trace) ** 2 - det, 0.0))
+        smaller = det / (0.5 * trace + root)
+        symmetric = np.abs(cov[:, 0, 1] - cov[:, 1, 0]) <= 1e-6 * trace
+        usable: NDArray[np.bool_] = (
+            symmetric & (trace > 0.0) & (trace <= 2 * most**2) & (smaller >= least**2)
+        )
+    return usable
