@@ -16,8 +16,9 @@ from conegraph.types import Array, ConeObservations, IntArray, LoopClosure
 REVISITED = 3
 """Cones not seen for `min_closure_m` that must match again to close a loop."""
 
-AT_GATE_M = 12.0
-"""How near to the start gate these must stand: other places are only passed again."""
+AT_GATE_M = 15.0
+"""How near to the start gate these and the car must be: other places are only passed
+again."""
 
 REVISIT_WINDOW_M = 15.0
 """Distance over which these are counted: they come into view one by one."""
@@ -89,7 +90,7 @@ class ClosureWatch:
         away_m = driven_m - map_.book.last_seen_m[row]
         at_gate = np.linalg.norm(map_.book.xy_m[row] - gate_m, axis=1) < AT_GATE_M
         old = (away_m > self._config.min_closure_m) & map_.book.published[row]
-        old &= at_gate
+        old &= at_gate & (np.linalg.norm(map_.filter.vehicle[:2] - gate_m) < AT_GATE_M)
         self._revisits.extend([driven_m] * int(old.sum()))
         while self._revisits and driven_m - self._revisits[0] > REVISIT_WINDOW_M:
             self._revisits.popleft()

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from conegraph.backends.landmark_filter import LandmarkFilter
 from conegraph.backends.landmarks import LandmarkBook
+from conegraph.backends.motion import yaw_rate_bias_sigma
 from conegraph.config import Config, LandmarkConfig
 from conegraph.types import Array, ConeMap, ConeObservations, IntArray, SensorModel
 
@@ -31,10 +32,8 @@ class LocalMap:
 
     def __init__(self, config: Config) -> None:
         """Start at the origin with no cones."""
-        odometry = config.motion.use_odometry and config.motion.odometry_as_input
-        bias = config.motion.gyro_bias_sigma_radps if odometry else 0.0
         self.filter = LandmarkFilter(
-            bias,
+            yaw_rate_bias_sigma(config.motion),
             config.motion.start_speed_sigma_mps,
             invariant=config.backend.invariant,
         )

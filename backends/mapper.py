@@ -28,7 +28,7 @@ from conegraph.backends.factors import (
     start_prior,
     velocity_prior,
 )
-from conegraph.backends.motion import NV
+from conegraph.backends.motion import NV, yaw_rate_bias_sigma
 from conegraph.backends.tracker import TrackedFrame
 from conegraph.config import Isam2Config, MotionConfig
 from conegraph.geometry import to_child, to_parent
@@ -62,8 +62,8 @@ class Mapper:
     ) -> None:
         """Start with an empty graph, or with the cones of a known map."""
         self._config, self._motion = config, motion
-        odometry = motion.use_odometry and motion.odometry_as_input
-        self.has_bias = odometry and motion.gyro_bias_sigma_radps > 0.0
+        bias_sigma = yaw_rate_bias_sigma(motion)
+        self.has_bias = bias_sigma > 0.0
         self.isam = _new_isam()
         self.stamps_s: list[float] = []
         self.cones: dict[int, int] = {}
@@ -81,7 +81,7 @@ class Mapper:
         self._last_state = np.zeros(NV)
         self._new.add(start_prior(ORIGIN_SIGMAS if known is None else KNOWN_MAP_SIGMAS))
         if self.has_bias:
-            self._new.add(bias_prior(motion.gyro_bias_sigma_radps))
+            self._new.add(bias_prior(bias_sigma))
             self._new_values.insert(B(0), np.zeros(1))
         if known is not None:
             for cone, xy, cov in zip(

@@ -25,6 +25,18 @@ STEP_FLOOR = (1e-7, 1e-7, 1e-8)
 """Variances (m^2, m^2, rad^2) of the smallest step: exact ones break solvers."""
 
 
+CHEAP_GYRO_RADPS = 0.01
+"""Sigma of the yaw-rate bias where neither source nor configuration tells."""
+
+
+def yaw_rate_bias_sigma(config: MotionConfig) -> float:
+    """Return the prior's sigma on the odometry's yaw-rate bias; 0 leaves it out."""
+    if not (config.use_odometry and config.odometry_as_input):
+        return 0.0
+    given = config.gyro_bias_sigma_radps
+    return CHEAP_GYRO_RADPS if given is None else given
+
+
 @dataclass(frozen=True, slots=True)
 class Prediction:
     """The car's state one step later: mean (6,), Jacobian F and noise Q (6, 6)."""
@@ -138,7 +150,7 @@ def predict_with_odometry(
     Q = np.zeros((NV, NV))
     Q[:3, :3] = turn @ increment.cov @ turn.T
     Q[3:5, 3:5] = increment.velocity_cov
-    if config.gyro_bias_sigma_radps > 0.0:
+    if yaw_rate_bias_sigma(config) > 0.0:
         Q[5, 5] = config.gyro_bias_walk**2 * increment.dt_s
     return Prediction(new, F, Q)
 

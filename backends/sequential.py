@@ -19,6 +19,12 @@ from conegraph.types import Array, IntArray
 CONSTELLATION = 4
 """Cones that must fit together before loosely known ones are recognised."""
 
+CLUSTER = 2
+"""Cones that must fit together before ambiguous ones are told apart."""
+
+CLUSTER_M = 0.8
+"""Size of a cluster: the posts of a gate, not two cones of a boundary."""
+
 MAX_SEEDS = 12
 """Pairs tried as the first of a constellation."""
 
@@ -50,8 +56,7 @@ def pair_sequentially(config: AssociationConfig, problem: Problem) -> Pairing:
     each is tested alone (Neira and Tardos, "Data association in stochastic mapping
     using the joint compatibility test", 2001).
 
-    What is left over may be cones that were mapped long ago, all displaced by the
-    same drift: see `_recognise`.
+    What is left over is paired together, if it can be: see `_recognise`.
     """
     m = len(problem.xy_m)
     start = _State(
@@ -61,10 +66,14 @@ def pair_sequentially(config: AssociationConfig, problem: Problem) -> Pairing:
         np.full(m, np.inf),
         0.0,
     )
-    state = _recognise(config, problem, _advance(config, problem, start))
-    d2, _ = mahalanobis(problem.xy_m, problem.noise_m2, state.h, state.cov)
+    state = _advance(config, problem, start)
+    state = _recognise(config, problem, state, vague=False)
+    state = _recognise(config, problem, state, vague=True)
+    d2, logdet = mahalanobis(problem.xy_m, problem.noise_m2, state.h, state.cov)
     loose = largest_sigma(state.cov) > problem.loose_m
-    free_d2 = np.where(state.used | loose, np.inf, d2).min(axis=1)
+    likely = problem.new_cost - d2 - problem.cost - logdet > config.ambiguity_d2
+    silent = state.used | (loose & ~likely)
+    free_d2 = np.where(silent, np.inf, d2).min(axis=1)
     matched = state.column >= 0
     nearest_d2 = np.where(matched, state.d2, d2.min(axis=1))
     return Pairing(state.column, nearest_d2, free_d2, loose & ~state.used)
@@ -92,20 +101,27 @@ def _advance(config: AssociationConfig, problem: Problem, state: _State) -> _Sta
     return state
 
 
-def _recognise(config: AssociationConfig, problem: Problem, state: _State) -> _State:
-    """Recognise cones whose places are too vague to be matched one by one.
+def _recognise(
+    config: AssociationConfig, problem: Problem, state: _State, *, vague: bool
+) -> _State:
+    """Pair together what could not be paired one by one.
 
     After a lap the cones of the start are predicted with an uncertainty that may
-    exceed their spacing, but they all move together. Each possible pair is tried as
-    a seed that fixes this common displacement, and the rest follow. The best
-    constellation is taken if it has `CONSTELLATION` cones and its log-likelihood
-    leads every other's by `ambiguity_d2`; else none is.
+    exceed their spacing (``vague``), and cones in a cluster are ambiguous even when
+    they are not; but all are displaced together. Each possible pair is tried as a
+    seed that fixes this common displacement, and the rest follow. The best
+    constellation is taken if it has enough cones (`CONSTELLATION` vague ones, or
+    `CLUSTER`) and its log-likelihood leads every other's by `ambiguity_d2`.
     """
+    enough = CONSTELLATION if vague else CLUSTER
     d2, logdet = mahalanobis(problem.xy_m, problem.noise_m2, state.h, state.cov)
     loose = largest_sigma(state.cov) > problem.loose_m
-    free = problem.allowed & (state.column < 0)[:, None] & ~state.used & loose
-    row, col = np.nonzero(free & (d2 <= config.gate_d2))
-    if len(np.unique(row)) < CONSTELLATION:
+    free = problem.allowed & (state.column < 0)[:, None] & ~state.used
+    free &= (loose == vague) & (d2 <= config.gate_d2)
+    if not vague:
+        free &= _clustered(free, state.h)[:, None]
+    row, col = np.nonzero(free)
+    if len(np.unique(row)) < enough:
         return state
     order = np.argsort(d2[row, col], kind="stable")[:MAX_SEEDS]
     gain = problem.new_cost - d2 - problem.cost - logdet
@@ -115,11 +131,21 @@ def _recognise(config: AssociationConfig, problem: Problem, state: _State) -> _S
         tried.append(_advance(config, problem, seeded))
     best = max(tried, key=lambda s: s.score)
     settled = best.column >= 0
-    if settled.sum() - (state.column >= 0).sum() < CONSTELLATION:
+    if settled.sum() - (state.column >= 0).sum() < enough:
         return state
     rivals = [s for s in tried if (s.column[settled] != best.column[settled]).any()]
     runner_up = max((s.score for s in rivals), default=state.score)
     return best if best.score - runner_up >= config.ambiguity_d2 else state
+
+
+def _clustered(free: Mask, h: Array) -> Mask:
+    """(m,) whether an observation has several candidates, all in one cluster."""
+    several = free.sum(axis=1) > 1
+    highest = np.where(free[..., None], h, -np.inf).max(axis=1)
+    lowest = np.where(free[..., None], h, np.inf).min(axis=1)
+    size = np.where(several[:, None], highest - lowest, np.inf)
+    together: Mask = several & (np.hypot(size[:, 0], size[:, 1]) < CLUSTER_M)
+    return together
 
 
 def _accept(

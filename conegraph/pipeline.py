@@ -111,7 +111,7 @@ class Pipeline:
         text = config.source if source is None else source
         seed = config.seed
         self.source = open_source(text, seed=seed) if isinstance(text, str) else text
-        self.config = config
+        self.config = config = _for_source(config, self.source)
         self._viewer = viewer or NullViewer()
         self.backend: Backend = make_backend(
             config.backend,
@@ -228,6 +228,15 @@ class Pipeline:
             summary = {**summary, "metrics": metrics.to_dict()}
             files.finish(cone_map, smoothed, summary)
         return RunResult(cone_map, smoothed, summary, folder, truth, metrics)
+
+
+def _for_source(config: Config, source: Source) -> Config:
+    """Fill in what the configuration leaves to the source."""
+    motion = config.motion
+    if motion.gyro_bias_sigma_radps is not None or source.yaw_rate_bias_radps is None:
+        return config
+    known = {"gyro_bias_sigma_radps": source.yaw_rate_bias_radps}
+    return config.model_copy(update={"motion": motion.model_copy(update=known)})
 
 
 def _percentiles(ms: list[float]) -> dict[str, float]:

@@ -384,6 +384,11 @@ class Source(Protocol):
         ...
 
     @property
+    def yaw_rate_bias_radps(self) -> float | None:
+        """Sigma of the bias of odometry's yaw rate, None where nobody knows."""
+        ...
+
+    @property
     def truth_trajectory(self) -> Trajectory | None:
         """True poses, in any world frame."""
         ...
@@ -413,6 +418,7 @@ class Recording:
     truth_trajectory: Trajectory | None = None
     truth_map: TruthMap | None = None
     rejected: Mapping[str, int] = field(default_factory=dict)
+    yaw_rate_bias_radps: float | None = None
 
     @property
     def n_frames(self) -> int:

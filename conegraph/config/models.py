@@ -103,8 +103,9 @@ class MotionConfig(Section):
     odometry_hold_s: Positive = 1.1
     """How long the last odometry sample is trusted when no newer one comes; real
     logs have gaps of a second."""
-    gyro_bias_sigma_radps: NonNegative = 0.01
-    """Prior on the bias of odometry's yaw rate; 0 leaves it out."""
+    gyro_bias_sigma_radps: NonNegative | None = None
+    """Prior on the bias of odometry's yaw rate; 0 leaves it out; left out, the
+    source's, or else 0.01, a cheap gyro's."""
     gyro_bias_walk: NonNegative = 3e-4
     """Random walk of that bias, rad/s per square root of second."""
     start_speed_sigma_mps: NonNegative = 2.0

@@ -30,8 +30,8 @@ from conegraph.types import (
     VelocityObservation,
 )
 
-RANGE_SIGMA_M = 0.12
-BEARING_SIGMA_RAD = 0.01
+RANGE_SIGMA_M = 0.15
+BEARING_SIGMA_RAD = 0.012
 """Sigmas of the barcode camera against Vicon, without its gross outliers."""
 
 SAME_PICTURE_S = 0.02
@@ -101,6 +101,8 @@ def read_mrclam(folder: Path, robot: str) -> Recording:
             np.full(len(posts), ConeClass.UNKNOWN, dtype=np.int64),
         ),
         rejected=dict(rejected),
+        # Yaw rates come from the wheels: they slip, but have no bias.
+        yaw_rate_bias_radps=0.0,
     )
 
 

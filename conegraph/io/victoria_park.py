@@ -83,6 +83,8 @@ def read_victoria_park(path: Path | None = None) -> Recording:
         stream=_stream(drive),
         sensor=_sensor(trees) if len(trees) else None,
         rejected=dict(rejected),
+        # Yaw rates come from the steering angle, not from a gyro.
+        yaw_rate_bias_radps=0.0,
     )
 
 
