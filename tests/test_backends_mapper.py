@@ -1,0 +1,231 @@
+"""The graph: exact worlds come out exact, wrong closures go, wrecks are rebuilt."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from conegraph.backends.mapper import CLOSURE_D2, Mapper
+from conegraph.backends.motion import OdometryIncrement
+from conegraph.backends.snapshot import PINNED, take_snapshot
+from conegraph.backends.tracker import TrackedFrame
+from conegraph.config import Isam2Config, MotionConfig
+from conegraph.geometry import between, compose, constant_twist, rotation, to_child
+from conegraph.types import Array, ConeMap, IntArray
+
+CONFIG = Isam2Config()
+MOTION = MotionConfig()
+NO_BIAS = MotionConfig(gyro_bias_sigma_radps=0.0)
+SIGMA_M = 0.05
+CONES = np.array([[3.0 * (i // 2), 1.8 * (-1) ** i] for i in range(2, 16)])
+
+
+def path(n: int, speed: float = 5.0, rate: float = 0.1, dt_s: float = 0.1) -> Array:
+    """Return true poses (n, 3) of a car that holds its velocities."""
+    return np.array([constant_twist(speed, rate, dt_s * k) for k in range(n)])
+
+
+def frame(
+    k: int,
+    poses: Array,
+    ids: Sequence[int] | IntArray,
+    *,
+    guess: Array | None = None,
+    seen: Array | None = None,
+    odometry: bool = True,
+    closure: bool = False,
+    merged: tuple[tuple[int, int], ...] = (),
+) -> TrackedFrame:
+    """Return frame k as a tracker would hand it on, measured without error."""
+    index = np.asarray(ids, dtype=np.int64)
+    increment = None
+    if odometry and k:
+        step = between(poses[k - 1], poses[k])
+        increment = OdometryIncrement(
+            0.1,
+            step,
+            np.diag([1e-4, 1e-4, 1e-6]),
+            np.array([0.0, -0.025, -0.1]),
+            np.array([5.0, 0.1]),
+            1e-2 * np.eye(2),
+        )
+    n = len(index)
+    return TrackedFrame(
+        stamp_s=0.1 * k,
+        dt_s=0.1 if k else 0.0,
+        increment=increment,
+        state=np.array([*(poses[k] if guess is None else guess), 5.0, 0.1, 0.0]),
+        landmark_id=index,
+        xy_m=to_child(poses[k], CONES[index % len(CONES)]) if seen is None else seen,
+        cov_m2=np.tile(SIGMA_M**2 * np.eye(2), (n, 1, 1)),
+        vague=np.zeros(n, dtype=bool),
+        closure=closure,
+        merged=merged,
+        deleted=(),
+    )
+
+
+def ahead(pose: Array) -> IntArray:
+    """Return the cones that lie 0 to 9 m ahead of a pose."""
+    x = to_child(pose, CONES)[:, 0]
+    near: IntArray = np.flatnonzero((x > 0.0) & (x < 9.0)).astype(np.int64)
+    return near
+
+
+def drive(mapper: Mapper, n: int, *, odometry: bool = True, seed: int = 0) -> Array:
+    """Feed n frames whose poses the tracker has wrong by decimetres; return truth."""
+    rng = np.random.default_rng(seed)
+    poses = path(n)
+    frames = []
+    for k in range(n):
+        wrong = poses[k] + (0.0 if k == 0 else rng.normal(size=3) * [0.1, 0.1, 0.02])
+        frames.append(frame(k, poses, ahead(poses[k]), guess=wrong, odometry=odometry))
+    for at in range(0, n, 5):
+        assert mapper.update(frames[at : at + 5]) == []
+    return poses
+
+
+def mapped(mapper: Mapper) -> Array:
+    return np.array([mapper.cone_m(c) for c in sorted(mapper.cones)])
+
+
+@pytest.mark.parametrize("motion", [MOTION, NO_BIAS])
+@pytest.mark.parametrize("odometry", [True, False])
+def test_a_world_measured_without_error_comes_out_exact(
+    motion: MotionConfig, odometry: bool
+) -> None:
+    mapper = Mapper(CONFIG, motion)
+    poses = drive(mapper, 30, odometry=odometry)
+    trajectory = mapper.settle(polish=True)
+    np.testing.assert_allclose(trajectory.stamp_s, 0.1 * np.arange(30))
+    np.testing.assert_allclose(trajectory.pose, poses, atol=1e-3)
+    np.testing.assert_allclose(mapped(mapper), CONES, atol=2e-3)
+    assert mapper.rebuilt == 0
+    assert (len(mapper.velocities) == 30) == (not odometry)
+
+
+def test_a_cone_seen_from_a_known_place_has_its_sensor_s_covariance() -> None:
+    mapper = Mapper(CONFIG, NO_BIAS)
+    poses = path(2)
+    mapper.update([frame(0, poses, [2])])
+    # One sight from the origin, which is sure to a millimetre and 0.1 mrad.
+    got = mapper.cone_cov_m2(2)
+    np.testing.assert_allclose(got, SIGMA_M**2 * np.eye(2), rtol=1e-2, atol=1e-5)
+    # n sights more from there divide it by n + 1.
+    mapper = Mapper(CONFIG, NO_BIAS)
+    still = np.zeros((5, 3))
+    mapper.update([frame(k, still, [2]) for k in range(1)])
+    mapper.update([frame(k, still, [2]) for k in range(1, 5)])
+    got = mapper.cone_cov_m2(2)
+    # Its steps are as sure as odometry says, 1 cm each: it does a little worse.
+    assert SIGMA_M**2 / 5 < got[0, 0] < SIGMA_M**2 / 4
+
+
+def test_a_known_map_holds_the_car() -> None:
+    ids = np.arange(len(CONES))
+    known = ConeMap(
+        ids,
+        CONES,
+        np.tile(1e-4 * np.eye(2), (len(ids), 1, 1)),
+        np.full((len(ids), 5), 0.2),
+        ids,
+    )
+    mapper = Mapper(CONFIG, MOTION, known)
+    offset = np.array([0.3, -0.2, 0.05])
+    poses = np.array([compose(offset, p) for p in path(10)])
+    mapper.update(
+        [frame(k, poses, ahead(poses[k]), guess=path(10)[k]) for k in range(10)]
+    )
+    got = mapper.settle(polish=True).pose
+    # The prior of half a metre is nothing beside six cones of 5 cm.
+    np.testing.assert_allclose(got, poses, atol=0.02)
+    np.testing.assert_allclose(mapped(mapper), CONES, atol=0.01)
+
+
+def test_two_ids_of_one_cone_are_drawn_together() -> None:
+    mapper = Mapper(CONFIG, NO_BIAS)
+    poses = path(3)
+    twin = 2 + len(CONES)
+    first = frame(0, poses, [2, 3])
+    seen = to_child(poses[1], CONES[[2, 3]] + np.array([[0.1, 0.0], [0.0, 0.0]]))
+    mapper.update([first, frame(1, poses, [twin, 3], seen=seen)])
+    assert np.linalg.norm(mapper.cone_m(2) - mapper.cone_m(twin)) > 0.05
+    mapper.update([frame(2, poses, [3], merged=((2, twin),))])
+    assert np.linalg.norm(mapper.cone_m(2) - mapper.cone_m(twin)) < 0.005
+
+
+def wrong_closure(poses: Array, k: int) -> TrackedFrame:
+    """Return frame k, which takes the cones ahead for cones of the start."""
+    ids = ahead(poses[k])
+    taken_for = ids - ids.min()
+    seen = to_child(poses[k], CONES[ids]) @ rotation(0.4).T + [3.0, 2.0]
+    return frame(k, poses, taken_for, seen=seen, closure=True)
+
+
+@pytest.mark.parametrize("kernel", ["cauchy", "none"])
+def test_a_wrong_closure_is_undone_and_leaves_no_trace(kernel: str) -> None:
+    config = Isam2Config(robust_kernel="cauchy" if kernel == "cauchy" else "none")
+    poses = path(31)
+    maps, paths = [], []
+    for wrong in (True, False):
+        mapper = Mapper(config, NO_BIAS)
+        drive(mapper, 30)
+        last = wrong_closure(poses, 30) if wrong else frame(30, poses, [])
+        undone = mapper.update([last])
+        assert len(undone) == wrong
+        if wrong:
+            assert undone[0].stamp_s == pytest.approx(3.0)
+            assert undone[0].d2 > CLOSURE_D2
+        paths.append(mapper.settle(polish=True).pose)
+        maps.append(mapped(mapper))
+    np.testing.assert_allclose(maps[0], maps[1], atol=1e-3)
+    np.testing.assert_allclose(paths[0], paths[1], atol=1e-3)
+
+
+def test_a_right_closure_stays_and_pulls() -> None:
+    mapper = Mapper(CONFIG, NO_BIAS)
+    poses = drive(mapper, 30)
+    poses = np.vstack([poses, path(31)[30]])
+    seen = to_child(poses[30], CONES[[0, 1, 2, 3]])
+    undone = mapper.update([frame(30, poses, [0, 1, 2, 3], seen=seen, closure=True)])
+    assert undone == []
+    np.testing.assert_allclose(mapper.pose(30), poses[30], atol=5e-3)
+
+
+def test_a_solver_that_cannot_be_used_any_more_is_rebuilt() -> None:
+    mapper = Mapper(CONFIG, NO_BIAS)
+    poses = np.vstack([drive(mapper, 20), path(23)[20:]])
+    poison = np.full((2, 2), np.nan)
+    ids = ahead(poses[20])[:2]
+    mapper.update([frame(20, poses, ids, seen=poison)])
+    assert mapper.rebuilt >= 1
+    mapper.update([frame(k, poses, ahead(poses[k])) for k in (21, 22)])
+    np.testing.assert_allclose(mapper.settle(polish=True).pose, poses, atol=5e-3)
+
+
+def test_a_snapshot_is_the_graph_given_the_pose() -> None:
+    mapper = Mapper(CONFIG, MOTION)
+    poses = drive(mapper, 20)
+    vehicle = np.array([*poses[-1], 5.0, 0.1, 0.0])
+    shot = take_snapshot(mapper, vehicle, np.eye(6), 8.0)
+    seen = sorted({c for pose in poses for c in ahead(pose).tolist()})
+    near = np.linalg.norm(CONES[seen] - poses[-1, :2], axis=1) < 8.0
+    assert sorted(shot.all_ids.tolist()) == seen
+    assert sorted(shot.ids.tolist()) == np.array(seen)[near].tolist()
+    np.testing.assert_allclose(shot.state[:3], mapper.pose(19))
+    np.testing.assert_allclose(
+        shot.state[6:].reshape(-1, 2), CONES[shot.ids], atol=5e-3
+    )
+    np.testing.assert_allclose(shot.cov, shot.cov.T, atol=1e-12)
+    assert np.linalg.eigvalsh(shot.cov)[0] > -1e-12
+    np.testing.assert_array_equal(np.diag(shot.cov)[:3], PINNED)
+    assert not shot.cov[:3, 3:].any()
+    # No velocities in the graph while odometry spans it: the tracker's stay.
+    np.testing.assert_array_equal(shot.cov[3:5, 3:5], np.eye(2))
+    # Given the pose, a cone is known better than in the world.
+    for n, cone in enumerate(shot.ids.tolist()):
+        block = shot.cov[6 + 2 * n : 8 + 2 * n, 6 + 2 * n : 8 + 2 * n]
+        assert np.trace(block) <= np.trace(mapper.cone_cov_m2(cone)) + 1e-9
+    assert np.linalg.eigvalsh(shot.pose_cov)[0] > 0.0
