@@ -231,12 +231,14 @@ class Pipeline:
 
 
 def _for_source(config: Config, source: Source) -> Config:
-    """Fill in what the configuration leaves to the source."""
-    motion = config.motion
-    if motion.gyro_bias_sigma_radps is not None or source.yaw_rate_bias_radps is None:
-        return config
-    known = {"gyro_bias_sigma_radps": source.yaw_rate_bias_radps}
-    return config.model_copy(update={"motion": motion.model_copy(update=known)})
+    """Fill in what neither file nor command line sets from what the source knows."""
+    motion, association = config.motion, config.association
+    bias = source.yaw_rate_bias_radps
+    if motion.gyro_bias_sigma_radps is None and bias is not None:
+        motion = motion.model_copy(update={"gyro_bias_sigma_radps": bias})
+    if source.ids_are_given and "method" not in association.model_fields_set:
+        association = association.model_copy(update={"method": "known"})
+    return config.model_copy(update={"motion": motion, "association": association})
 
 
 def _percentiles(ms: list[float]) -> dict[str, float]:

@@ -389,6 +389,11 @@ class Source(Protocol):
         ...
 
     @property
+    def ids_are_given(self) -> bool:
+        """Whether the stream is published with its associations already made."""
+        ...
+
+    @property
     def truth_trajectory(self) -> Trajectory | None:
         """True poses, in any world frame."""
         ...
@@ -419,6 +424,7 @@ class Recording:
     truth_map: TruthMap | None = None
     rejected: Mapping[str, int] = field(default_factory=dict)
     yaw_rate_bias_radps: float | None = None
+    ids_are_given: bool = False
 
     @property
     def n_frames(self) -> int:
