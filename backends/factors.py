@@ -30,6 +30,9 @@ NON_HOLONOMIC_SIGMAS = np.array([20.0, 0.05, 20.0])
 SIDEWAYS_DENSITY = 0.05
 """Power spectral density of the sideways acceleration, m^2/s^3."""
 
+SHORT_STEP = np.array([1e-8, 1e-8, 1e-9])
+"""Variances (m^2, m^2, rad^2) of a step between frames that almost coincide."""
+
 ONE_CONE_SIGMA_M = 0.003
 """How exactly two variables that are one cone coincide."""
 
@@ -73,6 +76,8 @@ def free_motion(
     The accelerations of the EKF's process noise, constant over a step dt, have the
     spectral densities ``sigma^2 dt``. (Barfoot, Tong and Sarkka, "Batch continuous-
     time trajectory estimation as exactly sparse Gaussian process regression", 2014.)
+    The variance of a step's place is ``density dt^3 / 3``, and at least `SHORT_STEP`:
+    two frames a microsecond apart would leave the solver a singular system.
     """
     dt = now_s - before_s
     density = np.array(
@@ -82,6 +87,7 @@ def free_motion(
             motion.yaw_accel_sigma_radps2**2 * dt,
         ]
     )
+    density = np.maximum(density, 3.0 * SHORT_STEP / dt**3)
     before = gtsam.StateData(X(k - 1), V(k - 1), before_s)
     now = gtsam.StateData(X(k), V(k), now_s)
     straight = gtsam.noiseModel.Diagonal.Sigmas(NON_HOLONOMIC_SIGMAS)

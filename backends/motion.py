@@ -24,6 +24,10 @@ NV = 6
 STEP_FLOOR = (1e-7, 1e-7, 1e-8)
 """Variances (m^2, m^2, rad^2) of the smallest step: exact ones break solvers."""
 
+LONGEST_DOUBT_S = 30.0
+"""Doubt grows no further than over this: the car may then be kilometres away, and
+variances much greater than that drown the sensor's in rounding."""
+
 
 CHEAP_GYRO_RADPS = 0.01
 """Sigma of the yaw-rate bias where neither source nor configuration tells."""
@@ -87,13 +91,14 @@ def predict_midpoint(state: Array, dt_s: float, config: MotionConfig) -> Predict
     F[0, 3], F[1, 3] = c * move_s, s * move_s
     F[0, 4], F[1, 4] = 0.5 * move_s * F[0, 2], 0.5 * move_s * F[1, 2]
     F[2, 4] = move_s
-    half = 0.5 * dt_s**2
-    g_a = np.array([c * half, s * half, 0.0, dt_s, 0.0, 0.0])
-    turn = u * dt_s**3 / 6.0
-    g_alpha = np.array([-s * turn, c * turn, half, 0.0, dt_s, 0.0])
+    doubt_s = min(dt_s, LONGEST_DOUBT_S)
+    half = 0.5 * doubt_s**2
+    g_a = np.array([c * half, s * half, 0.0, doubt_s, 0.0, 0.0])
+    turn = u * doubt_s**3 / 6.0
+    g_alpha = np.array([-s * turn, c * turn, half, 0.0, doubt_s, 0.0])
     Q = np.outer(g_a, g_a) * config.accel_sigma_mps2**2
     Q += np.outer(g_alpha, g_alpha) * config.yaw_accel_sigma_radps2**2
-    slip = config.slip_sigma_m_per_sqrt_m**2 * abs(u) * dt_s
+    slip = config.slip_sigma_m_per_sqrt_m**2 * abs(u) * doubt_s
     Q[:2, :2] += slip * np.array([[s * s, -s * c], [-s * c, c * c]])
     return Prediction(new, F, Q)
 
@@ -117,8 +122,10 @@ def predict_euler(state: Array, dt_s: float, config: MotionConfig) -> Prediction
     F[0, 3], F[1, 3] = c * move_s, s * move_s
     F[2, 4] = move_s
     a, alpha = config.accel_sigma_mps2, config.yaw_accel_sigma_radps2
-    half = 0.5 * dt_s**2
-    sigma = np.array([a * half, a * half, alpha * half, a * dt_s, alpha * dt_s, 0.0])
+    doubt_s = min(dt_s, LONGEST_DOUBT_S)
+    half = 0.5 * doubt_s**2
+    sigma = np.array([a * half, a * half, alpha * half, a, alpha, 0.0])
+    sigma[3:5] *= doubt_s
     return Prediction(new, F, np.diag(sigma**2))
 
 
@@ -187,7 +194,7 @@ def integrate_odometry(
     spacing = np.concatenate([np.diff(stamps), [max(last_gap, dt[-1])]])
     spacing = np.maximum(spacing, dt)
     sample_cov = np.concatenate([covs[1:], covs[-1:]])
-    excess = np.maximum(dt - config.odometry_hold_s, 0.0)
+    excess = np.clip(dt - config.odometry_hold_s, 0.0, LONGEST_DOUBT_S)
     sample_cov = sample_cov.copy()
     sample_cov[:, 0, 0] += (config.accel_sigma_mps2 * excess) ** 2
     sample_cov[:, 1, 1] += (config.yaw_accel_sigma_radps2 * excess) ** 2
@@ -215,7 +222,8 @@ def _sum_segments(
     jac = np.zeros((len(dt), 3, 2))
     jac[:, 0, 0], jac[:, 1, 0] = c, s
     jac[:, 0, 1], jac[:, 1, 1], jac[:, 2, 1] = -lever[:, 1], lever[:, 0], 1.0
-    weighted = sample_cov * (spacing * dt)[:, None, None]
+    span = np.minimum(spacing, LONGEST_DOUBT_S) * np.minimum(dt, LONGEST_DOUBT_S)
+    weighted = sample_cov * span[:, None, None]
     cov = np.einsum("nij,njk,nlk->il", jac, weighted, jac)
     slip = config.slip_sigma_m_per_sqrt_m**2 * np.abs(step)
     sideways = np.stack([-s, c], axis=1)

@@ -339,3 +339,40 @@ def test_after_the_last_frame_the_status_falls(kind: str) -> None:
     assert backend.estimate().status == Status.DEGRADED
     backend.predict(events[-1].stamp_s + 3.0)
     assert backend.estimate().status == Status.LOST
+
+
+def standing(stamps: Sequence[float], *, odometry: bool) -> list[Event]:
+    """Return what a car sees that stands before six cones."""
+    xy = np.array([[5, 2], [5, -2], [8, 2.2], [8, -2], [11, 3], [11, -1.0]])
+    cov = np.tile(0.01 * np.eye(2), (6, 1, 1))
+    prob = np.tile(np.eye(5)[0], (6, 1))
+    events: list[Event] = []
+    for stamp in stamps:
+        if odometry:
+            still = VelocityObservation(stamp, 0.0, 0.0, np.diag([1e-4, 1e-6]))
+            events.append(still)
+        events.append(ConeObservations(stamp, xy, cov, prob))
+    return events
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("profile", PROFILES)
+@pytest.mark.parametrize("odometry", [True, False])
+def test_no_spacing_of_stamps_breaks_an_estimator(
+    kind: str, profile: str, odometry: bool
+) -> None:
+    regular = (np.arange(20) * 0.05).tolist()
+    spacings = [
+        sorted(regular + [t + d for t in regular[5:8]]) for d in (1e-3, 1e-6, 1e-9)
+    ]
+    spacings += [regular + [t + gap for t in regular] for gap in (60.0, 1e3, 1e6)]
+    spacings.append([1.7e9 + t for t in regular])
+    settings = config(kind, profile)
+    for stamps in spacings:
+        backend = make_backend(settings.backend, settings)
+        outcome = drive(backend, standing(stamps, odometry=odometry))
+        assert np.isfinite(outcome.poses).all()
+        # Nothing ever moved and all measurements agree.
+        np.testing.assert_allclose(outcome.poses[:, 1:], 0.0, atol=1e-3)
+        assert np.isfinite(backend.cone_map().cov_m2).all()
+        assert len(backend.cone_map()) == 6

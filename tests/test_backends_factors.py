@@ -216,6 +216,20 @@ def test_free_motion_costs_an_acceleration_what_its_sigma_says(
     assert straight.error(at(velocities={1: [0.0, 0.05, 0.0]})) == pytest.approx(0.5)
 
 
+@pytest.mark.parametrize("dt_s", [1e-9, 1e-6, 1e-3])
+def test_frames_that_almost_coincide_are_held_together_and_no_more(
+    dt_s: float,
+) -> None:
+    wnoa, _ = factors.free_motion(1, 0.0, dt_s, MOTION)
+    at_rest = {0: np.zeros(3), 1: np.zeros(3)}
+    off = np.sqrt(factors.SHORT_STEP[0])
+    poses = {0: np.zeros(3), 1: np.array([off, 0, 0])}
+    assert wnoa.error(at(at_rest, velocities=at_rest)) == 0.0
+    # An offset without a change of speed costs four times its plain half square:
+    # the inverse of [dt^3/3, dt^2/2; dt^2/2, dt] begins with 12 / dt^3.
+    assert wnoa.error(at(poses, velocities=at_rest)) == pytest.approx(2.0, rel=1e-3)
+
+
 def test_an_arc_at_constant_twist_is_free_motion() -> None:
     dt, u, r = 0.1, 9.0, 1.2
     chord = u / r * np.array([np.sin(r * dt), 1 - np.cos(r * dt)])
