@@ -88,7 +88,8 @@ class ClosureWatch:
             return ClosureResult()
         row = map_.row[pairs.slot[pairs.matched]]
         away_m = driven_m - map_.book.last_seen_m[row]
-        at_gate = np.linalg.norm(map_.book.xy_m[row] - gate_m, axis=1) < AT_GATE_M
+        places = map_.filter.landmarks_m[pairs.slot[pairs.matched]]
+        at_gate = np.linalg.norm(places - gate_m, axis=1) < AT_GATE_M
         old = (away_m > self._config.min_closure_m) & map_.book.published[row]
         old &= at_gate & (np.linalg.norm(map_.filter.vehicle[:2] - gate_m) < AT_GATE_M)
         self._revisits.extend([driven_m] * int(old.sum()))

@@ -65,9 +65,9 @@ class Isam2Backend(Tracker):
         began = time.perf_counter()
         if self._is_due(self.tracked):
             self._update_graph()
-            spent_ms = 1e3 * (time.perf_counter() - began)
-            stages = {**(self.last_events.stage_ms or {}), "graph": spent_ms}
-            self.last_events = replace(self.last_events, stage_ms=stages)
+        spent_ms = 1e3 * (time.perf_counter() - began)
+        stages = {**(self.last_events.stage_ms or {}), "graph": spent_ms}
+        self.last_events = replace(self.last_events, stage_ms=stages)
         return result
 
     def estimate(self) -> Estimate:

@@ -59,6 +59,8 @@ class LocalMap:
 
     def add(self, frame: ConeObservations, driven_m: float) -> IntArray:
         """Add the cones of a frame as new; return their slots."""
+        if len(frame) == 0:
+            return np.zeros(0, dtype=np.int64)
         nobody = np.full(len(frame), -1, dtype=np.int64)
         truth = nobody if frame.truth_id is None else frame.truth_id
         rows = self.book.add(frame.class_prob, driven_m, truth)

@@ -24,6 +24,8 @@ def view(
         raise SourceError(
             f"{recording}: no such recording; run again with --save-rrd to get one"
         )
-    # The viewer is a program of its own, with its own window and exit status.
-    viewer = subprocess.run([sys.executable, "-m", "rerun", str(recording)])
+    # The viewer is a program of its own; by itself it would listen to everybody.
+    viewer = subprocess.run(
+        [sys.executable, "-m", "rerun_cli", "--bind", "127.0.0.1", str(recording)]
+    )
     raise typer.Exit(viewer.returncode)
