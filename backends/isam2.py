@@ -93,6 +93,8 @@ class Isam2Backend(Tracker):
         if not self.mapper.stamps_s:
             return None
         path = self.mapper.settle(polish=self._graph_config.polish)
+        if path is None:
+            return None
         self.map.release()
         book = self.map.book
         for row, cone in enumerate(book.id.tolist()):
@@ -108,10 +110,31 @@ class Isam2Backend(Tracker):
         return late and sum(len(f.landmark_id) for f in self._waiting) >= FEW_SIGHTINGS
 
     def _update_graph(self) -> None:
-        """Let the graph take in the waiting frames and load what it then believes."""
-        retractions = self.mapper.update(self._waiting)
-        self._updated_s = self._waiting[-1].stamp_s
-        self._waiting = []
+        """Let the graph take in the waiting frames and load what it then believes.
+
+        gtsam's errors end here: a solver that cannot be read is rebuilt, and once
+        the graph has no solution at all the tracker goes on alone.
+        """
+        frames, self._waiting = self._waiting, []
+        self._updated_s = frames[-1].stamp_s
+        if self.mapper.failed:
+            return
+        try:
+            retractions = self.mapper.update(frames)
+            if not self.mapper.failed:
+                self._load_snapshot()
+        except RuntimeError:
+            self.mapper.mend()
+            return
+        if retractions:
+            undone = tuple(
+                LoopClosure(r.stamp_s, 0.0, False, f"undone: residual d2 {r.d2:.0f}")
+                for r in retractions
+            )
+            events = self.last_events
+            self.last_events = replace(events, closures=events.closures + undone)
+
+    def _load_snapshot(self) -> None:
         filter_ = self.map.filter
         snapshot = take_snapshot(
             self.mapper,
@@ -127,10 +150,3 @@ class Isam2Backend(Tracker):
             snapshot.all_ids,
             snapshot.all_xy_m,
         )
-        undone = tuple(
-            LoopClosure(r.stamp_s, 0.0, False, f"undone: residual d2 {r.d2:.0f}")
-            for r in retractions
-        )
-        if undone:
-            events = self.last_events
-            self.last_events = replace(events, closures=events.closures + undone)

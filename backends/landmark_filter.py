@@ -288,10 +288,6 @@ class LandmarkFilter:
         Z = H @ PHt[columns] + np.eye(2) * sigma_m**2
         self._update(PHt, Z, self._x[columns[2:]] - self._x[columns[:2]])
 
-    def is_healthy(self) -> bool:
-        """Whether every number is finite and no variance is negative."""
-        return bool(np.isfinite(self._x).all() and (np.diag(self._P) >= -1e-9).all())
-
 
 def _add_blocks(matrix: Array, blocks: Array) -> Array:
     """Add (k, 2, 2) blocks to the diagonal of a (2k, 2k) matrix, in place."""

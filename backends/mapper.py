@@ -69,6 +69,7 @@ class Mapper:
         self.cones: dict[int, int] = {}
         self.velocities: set[int] = set()
         self.rebuilt = 0
+        self.failed = False
         self.segment = 0
         self._segment_s = -np.inf
         self._graph = gtsam.NonlinearFactorGraph()
@@ -111,7 +112,7 @@ class Mapper:
             self._rebuild(first_new)
         self._new = gtsam.NonlinearFactorGraph()
         self._new_values = gtsam.Values()
-        return self._verify()
+        return [] if self.failed else self._verify()
 
     def _add(self, frame: TrackedFrame) -> None:
         k = len(self.stamps_s)
@@ -185,18 +186,22 @@ class Mapper:
         self.cones[cone] = len(self.cones)
         self._new_values.insert(L(cone), xy_m)
 
-    def _rebuild(self, first_new: int) -> None:
-        """Solve everything again; if that fails, without the newest cones.
+    def _rebuild(self, trusted: int) -> None:
+        """Solve everything again, at worst without the newest cones.
 
-        Raises:
-            RuntimeError: even the poses alone have no solution.
+        If even that fails the graph is given up: `failed` is set, and what it last
+        believed is all that it will ever say.
         """
         self.rebuilt += 1
-        try:
-            self._restart(self._live(self._graph.size()))
-        except RuntimeError as error:
-            log.warning("batch: %s; leaving out the newest cones", _short(error))
-            self._restart(self._live(first_new))
+        for first_new in (self._graph.size(), trusted):
+            try:
+                self._restart(self._live(first_new))
+            except RuntimeError as error:
+                log.warning("batch: %s", _short(error))
+            else:
+                return
+        log.warning("the factor graph has no solution; going on without it")
+        self.failed = True
 
     def _live(self, trusted: int) -> gtsam.NonlinearFactorGraph:
         """Return the factors not undone; past `trusted` only those of the motion."""
@@ -248,7 +253,11 @@ class Mapper:
             if self._sightings[cone] > 1
         ]
         self._removed.update(gone)
-        self._sightings.subtract(frame.landmark_id.tolist())
+        self._sightings.subtract(
+            cone
+            for n, cone in zip(index, frame.landmark_id.tolist(), strict=True)
+            if n in self._removed
+        )
         self.isam.update(gtsam.NonlinearFactorGraph(), gtsam.Values(), gone)
 
     def pose(self, k: int) -> Array:
@@ -259,12 +268,14 @@ class Mapper:
         """(2,) a cone as the graph has it now."""
         return np.asarray(self.isam.calculateEstimatePoint2(L(cone)))
 
-    def settle(self, *, polish: bool) -> Trajectory:
-        """Solve to convergence if asked; return the whole path.
+    def settle(self, *, polish: bool) -> Trajectory | None:
+        """Solve to convergence if asked; return the whole path, None if failed.
 
         iSAM2 ends where its thresholds let it; three forced relinearisations used
         to move a map by 0.3 m.
         """
+        if self.failed:
+            return None
         values = self.isam.calculateEstimate()
         if polish:
             graph = self._live(self._graph.size())
@@ -277,6 +288,10 @@ class Mapper:
                 log.warning("batch: %s; keeping what iSAM2 had", _short(error))
         poses = [_as_array(values.atPose2(X(k))) for k in range(len(self.stamps_s))]
         return Trajectory(np.array(self.stamps_s), np.array(poses).reshape(-1, 3))
+
+    def mend(self) -> None:
+        """Replace a solver that turned out to be unusable when it was read."""
+        self._rebuild(self._graph.size())
 
     def cone_cov_m2(self, cone: int) -> Array:
         """(2, 2) covariance of a cone in the world."""

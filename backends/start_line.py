@@ -44,10 +44,10 @@ def match_gate(
     """Find the one pose at which the seen start cones are the map's.
 
     Every two seen start cones are laid on every two of the map that are as far
-    apart; each such pose is scored by how many of *all* seen cones it puts on the
-    map, over the whole map and not only near the predicted pose: beside a parallel
-    stretch the prior's own neighbourhood always finds something. The best must
-    lead every other pose by `LEAD` cones.
+    apart. Each such pose is fitted to all that it explains and scored by how many
+    of *all* seen cones it puts on the map, over the whole map and not only near the
+    predicted pose: beside a parallel stretch the prior's own neighbourhood always
+    finds something. The best must lead every other pose by `LEAD` cones.
 
     Args:
         seen_m: (m, 2) the frame's cones in the car frame.
@@ -58,9 +58,10 @@ def match_gate(
     Returns:
         The match, or a sentence why there is none.
     """
-    poses = _poses_from_pairs(seen_m[seen_start], mapped_m[mapped_start])
-    if len(poses) == 0:
+    rough = _poses_from_pairs(seen_m[seen_start], mapped_m[mapped_start])
+    if len(rough) == 0:
         return "no two start cones as far apart as the map's"
+    poses = np.array([_refined(pose, seen_m, mapped_m) for pose in rough])
     counts = np.array([int(_explained(p, seen_m, mapped_m).sum()) for p in poses])
     best = int(counts.argmax())
     gap = between(poses[best], poses)
@@ -69,8 +70,7 @@ def match_gate(
     if counts[best] - rival < LEAD:
         return f"{counts[best]} cones agree, but {rival} with another pose"
     pose = poses[best]
-    placed = to_parent(pose, seen_m[seen_start])
-    gaps = np.linalg.norm(placed[:, None] - mapped_m[mapped_start], axis=2)
+    gaps = _gaps(pose, seen_m[seen_start], mapped_m[mapped_start])
     nearest = gaps.argmin(axis=1)
     good = gaps.min(axis=1) < INLIER_M
     slot = mapped_start[nearest[good]]
@@ -93,11 +93,26 @@ def _poses_from_pairs(seen_m: Array, mapped_m: Array) -> Array:
     return np.array(poses).reshape(-1, 3)
 
 
+def _refined(pose: Array, seen_m: Array, mapped_m: Array) -> Array:
+    """Fit a pose to all cones it explains, so that one place counts as one pose."""
+    for _ in range(2):
+        gaps = _gaps(pose, seen_m, mapped_m)
+        near = gaps.min(axis=1) < INLIER_M
+        if near.sum() < 2:
+            break
+        pose = rigid_fit(seen_m[near], mapped_m[gaps[near].argmin(axis=1)])
+    return pose
+
+
 def _explained(pose: Array, seen_m: Array, mapped_m: Array) -> Array:
-    placed = to_parent(pose, seen_m)
-    gaps = np.linalg.norm(placed[:, None] - mapped_m, axis=2)
-    near: Array = (gaps.min(axis=1) < INLIER_M).astype(np.float64)
+    near: Array = _gaps(pose, seen_m, mapped_m).min(axis=1) < INLIER_M
     return near
+
+
+def _gaps(pose: Array, seen_m: Array, mapped_m: Array) -> Array:
+    """(m, M) distances between seen cones, placed by a pose, and mapped ones."""
+    gaps: Array = np.linalg.norm(to_parent(pose, seen_m)[:, None] - mapped_m, axis=2)
+    return gaps
 
 
 def sides(xy_m: Array) -> tuple[IntArray, IntArray]:

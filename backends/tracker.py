@@ -276,9 +276,11 @@ class Tracker:
         if len(row) == 0:
             return Innovation(float("nan"), 0)
         slot = pairs.slot[row]
-        # Known ids are never refused; a gross error among them must not pull hard.
-        excess = np.maximum(pairs.d2[row] / self._config.association.gate_d2, 1.0)
-        cov = frame.cov_m2[row] * (self._config.sensor.scale**2 * excess)[:, None, None]
+        cov = frame.cov_m2[row] * self._config.sensor.scale**2
+        if self._config.association.method == "known":
+            # Known ids are never refused; a gross error among them must not pull hard.
+            excess = np.maximum(pairs.d2[row] / self._config.association.gate_d2, 1.0)
+            cov = cov * excess[:, None, None]
         seen = self.map.filter.innovation(slot, frame.xy_m[row], cov, self.sensor)
         surprising = seen.nis > seen.dof + 4.0 * np.sqrt(2.0 * seen.dof)
         if surprising and self._config.association.method != "nearest":

@@ -254,7 +254,6 @@ def test_covariance_stays_symmetric_and_positive(seed: int, invariant: bool) -> 
     P = everything(filter_)[1]
     np.testing.assert_allclose(P, P.T, atol=1e-10)
     assert np.linalg.eigvalsh(0.5 * (P + P.T))[0] > -1e-9
-    assert filter_.is_healthy()
 
 
 def test_prediction_moves_the_car_and_leaves_the_cones() -> None:
@@ -416,12 +415,3 @@ def test_driving_and_mapping_tell_nothing_of_it_either() -> None:
             filter_.add_cones(rng.uniform(2, 8, (1, 2)), 0.01 * np.eye(2)[None])
         known.append(heading_information(filter_))
     assert (np.diff(known) <= 1e-6 * known[0]).all()
-
-
-def test_a_number_that_is_none_is_noticed() -> None:
-    filter_ = LandmarkFilter()
-    assert filter_.is_healthy()
-    filter_.load(np.zeros(NV), np.diag([-1.0, 0, 0, 0, 0, 0]))
-    assert not filter_.is_healthy()
-    filter_.load(np.full(NV, np.nan), np.eye(NV))
-    assert not filter_.is_healthy()

@@ -13,13 +13,19 @@ from conegraph.backends.snapshot import PINNED, take_snapshot
 from conegraph.backends.tracker import TrackedFrame
 from conegraph.config import Isam2Config, MotionConfig
 from conegraph.geometry import between, compose, constant_twist, rotation, to_child
-from conegraph.types import Array, ConeMap, IntArray
+from conegraph.types import Array, ConeMap, IntArray, Trajectory
 
 CONFIG = Isam2Config()
 MOTION = MotionConfig()
 NO_BIAS = MotionConfig(gyro_bias_sigma_radps=0.0)
 SIGMA_M = 0.05
 CONES = np.array([[3.0 * (i // 2), 1.8 * (-1) ** i] for i in range(2, 16)])
+
+
+def settled(mapper: Mapper) -> Trajectory:
+    path = mapper.settle(polish=True)
+    assert path is not None
+    return path
 
 
 def path(n: int, speed: float = 5.0, rate: float = 0.1, dt_s: float = 0.1) -> Array:
@@ -98,7 +104,7 @@ def test_a_world_measured_without_error_comes_out_exact(
 ) -> None:
     mapper = Mapper(CONFIG, motion)
     poses = drive(mapper, 30, odometry=odometry)
-    trajectory = mapper.settle(polish=True)
+    trajectory = settled(mapper)
     np.testing.assert_allclose(trajectory.stamp_s, 0.1 * np.arange(30))
     np.testing.assert_allclose(trajectory.pose, poses, atol=1e-3)
     np.testing.assert_allclose(mapped(mapper), CONES, atol=2e-3)
@@ -138,7 +144,7 @@ def test_a_known_map_holds_the_car() -> None:
     mapper.update(
         [frame(k, poses, ahead(poses[k]), guess=path(10)[k]) for k in range(10)]
     )
-    got = mapper.settle(polish=True).pose
+    got = settled(mapper).pose
     # The prior of half a metre is nothing beside six cones of 5 cm.
     np.testing.assert_allclose(got, poses, atol=0.02)
     np.testing.assert_allclose(mapped(mapper), CONES, atol=0.01)
@@ -178,7 +184,7 @@ def test_a_wrong_closure_is_undone_and_leaves_no_trace(kernel: str) -> None:
         if wrong:
             assert undone[0].stamp_s == pytest.approx(3.0)
             assert undone[0].d2 > CLOSURE_D2
-        paths.append(mapper.settle(polish=True).pose)
+        paths.append(settled(mapper).pose)
         maps.append(mapped(mapper))
     np.testing.assert_allclose(maps[0], maps[1], atol=1e-3)
     np.testing.assert_allclose(paths[0], paths[1], atol=1e-3)
@@ -202,7 +208,7 @@ def test_a_solver_that_cannot_be_used_any_more_is_rebuilt() -> None:
     mapper.update([frame(20, poses, ids, seen=poison)])
     assert mapper.rebuilt >= 1
     mapper.update([frame(k, poses, ahead(poses[k])) for k in (21, 22)])
-    np.testing.assert_allclose(mapper.settle(polish=True).pose, poses, atol=5e-3)
+    np.testing.assert_allclose(settled(mapper).pose, poses, atol=5e-3)
 
 
 def test_a_snapshot_is_the_graph_given_the_pose() -> None:

@@ -99,9 +99,9 @@ def test_unusable_files(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("robot", "n_frames", "n_posts", "n_robots"),
     [
-        ("Robot1", 1012, 1534, 407),
-        ("Robot2", 1985, 3239, 792),
-        ("Robot3", 2279, 4348, 1277),
+        ("Robot1", 962, 1534, 407),
+        ("Robot2", 1856, 3239, 792),
+        ("Robot3", 2033, 4348, 1277),
     ],
 )
 def test_real_drives(
