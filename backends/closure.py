@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from conegraph.backends.laps import Gate
 from conegraph.backends.local_map import LocalMap
 from conegraph.backends.pairing import ROLE_INDEX, FramePairer, Pairs
 from conegraph.backends.start_line import GateMatch, match_gate, sides
@@ -72,7 +73,7 @@ class ClosureWatch:
         map_: LocalMap,
         frame: ConeObservations,
         pairs: Pairs,
-        gate_m: Array,
+        gate: Gate,
         driven_m: float,
     ) -> ClosureResult:
         """Look at a frame and its ordinary pairing.
@@ -81,7 +82,7 @@ class ClosureWatch:
             map_: cones and car.
             frame: the observations.
             pairs: which cones they matched.
-            gate_m: (2,) middle of the start gate.
+            gate: the start gate.
             driven_m: the odometer.
         """
         if driven_m - self._closed_m < self._config.min_closure_m:
@@ -89,9 +90,9 @@ class ClosureWatch:
         row = map_.row[pairs.slot[pairs.matched]]
         away_m = driven_m - map_.book.last_seen_m[row]
         places = map_.filter.landmarks_m[pairs.slot[pairs.matched]]
-        at_gate = np.linalg.norm(places - gate_m, axis=1) < AT_GATE_M
         old = (away_m > self._config.min_closure_m) & map_.book.published[row]
-        old &= at_gate & (np.linalg.norm(map_.filter.vehicle[:2] - gate_m) < AT_GATE_M)
+        old &= np.linalg.norm(places - gate.middle_m, axis=1) < AT_GATE_M
+        old &= _comes_to(map_.filter.vehicle, gate)
         self._revisits.extend([driven_m] * int(old.sum()))
         while self._revisits and driven_m - self._revisits[0] > REVISIT_WINDOW_M:
             self._revisits.popleft()
@@ -155,6 +156,13 @@ class ClosureWatch:
         if not seen.nis <= self._config.closure_d2 * len(match.row):
             return f"innovation d2 {seen.nis:.0f} is impossible for this drift"
         return ""
+
+
+def _comes_to(vehicle: Array, gate: Gate) -> bool:
+    """Whether the car is at the gate and heads through it."""
+    facing = np.cos(vehicle[2]) * gate.forward[0] + np.sin(vehicle[2]) * gate.forward[1]
+    near = np.linalg.norm(vehicle[:2] - gate.middle_m) < AT_GATE_M
+    return bool(near and facing > 0.5)
 
 
 def forced_start_pairs(

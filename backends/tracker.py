@@ -190,8 +190,8 @@ class Tracker:
         pairs = self._pairer.pair(self.map, frame, self._noise)
         if self._config.start_line.forced:
             pairs = forced_start_pairs(self._pairer, self.map, frame, pairs)
-        gate_m, driven_m = self.laps.gate.middle_m, self.laps.driven_m
-        closure = self._closures.check(self.map, frame, pairs, gate_m, driven_m)
+        gate, driven_m = self.laps.gate, self.laps.driven_m
+        closure = self._closures.check(self.map, frame, pairs, gate, driven_m)
         if closure.match is not None:
             row = closure.match.row
             cov = frame.cov_m2[row] * self._config.sensor.scale**2
