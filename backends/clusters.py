@@ -23,7 +23,7 @@ CLUSTER_M = 0.8
 LARGEST = 4
 """Observations and cones of the largest cluster whose pairings are all tried."""
 
-APART_D2 = 9.0
+APART_D2 = 1.0
 """Two observations of one frame nearer than this may show one cone twice."""
 
 
@@ -118,7 +118,8 @@ def _settle(
         new = np.zeros_like(crowd)
         new[cluster.row[best < 0]] = len(cluster.row) > 1
         state = replace(state, beside=state.beside | (new & _apart(problem, crowd)))
-    known = (weight[:, None] * (ways >= 0)).sum(axis=0)
+    taken = (ways[:, :, None] == best).any(axis=1) | (ways >= 0)
+    known = (weight[:, None] * taken).sum(axis=0)
     kept = (best >= 0) & (known > 1.0 / (1.0 + np.exp(-0.5 * config.new_margin)))
     row, column = cluster.row[kept], cluster.column[best[kept]]
     if len(row) == 0:

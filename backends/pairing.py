@@ -243,7 +243,7 @@ class FramePairer:
         birth = free & (pairing.free_d2 > config.no_birth_d2)
         birth &= pairing.d2 > config.gate_d2
         cluster = pairing.cluster or ClusterVerdict.none(len(slot))
-        birth |= free & cluster.beside
+        birth |= free & cluster.beside & (pairing.free_d2 > config.no_birth_d2)
         ambiguous = free & ~birth
         confused = n_known >= 2 and hits < 0.5 * n_known
         if confused and config.method == "sequential":
