@@ -85,17 +85,16 @@ def _clusters(
     lowest = np.where(free[..., None], state.h, np.inf).min(axis=1)
     with np.errstate(invalid="ignore"):
         free &= (np.hypot(*(highest - lowest).T) < CLUSTER_M)[:, None]
-    left = free.any(axis=1)
+    left: Mask = np.asarray(free.any(axis=1))
     while left.any():
-        row = np.zeros(len(left), dtype=bool)
-        row[left.argmax()] = True
+        row: Mask = np.asarray(np.arange(len(left)) == left.argmax())
         while True:
             column = free[row].any(axis=0)
-            more = free[:, column].any(axis=1)
+            more: Mask = np.asarray(free[:, column].any(axis=1))
             if (more == row).all():
                 break
             row = more
-        left &= ~row
+        left = np.asarray(left & ~row)
         i, j = np.flatnonzero(row), np.flatnonzero(column)
         if len(i) <= LARGEST and len(j) <= LARGEST and len(i) + len(j) > 2:
             yield _Cluster(i, j, free[np.ix_(i, j)])
@@ -125,7 +124,7 @@ def _settle(
     if len(row) == 0:
         return state
     spread = state.spread_m2.copy()
-    for i in np.flatnonzero(kept):
+    for i in np.flatnonzero(kept).tolist():
         spread[cluster.row[i]] = _spread(problem, state, cluster, ways, weight, best, i)
     soft = state.soft.copy()
     soft[row] = score.max() - np.partition(score, -2)[-2] < config.ambiguity_d2

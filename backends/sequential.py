@@ -60,7 +60,9 @@ def pair_sequentially(config: AssociationConfig, problem: Problem) -> Pairing:
     )
 
 
-def _advance(config: AssociationConfig, problem: Problem, state: PairingState) -> PairingState:
+def _advance(
+    config: AssociationConfig, problem: Problem, state: PairingState
+) -> PairingState:
     """Make every pair that is sure; the first, which fix the pose, one at a time.
 
     Later rounds double: conditioning on more pairs hardly changes what is left.

@@ -340,7 +340,9 @@ class Tracker:
         status[row] = 2
         status[row[confirmed]] = 3
         status[born] = 4
-        noise = self._noise_of(frame, slot) + pairs.cluster.spread_m2[has_id]
+        # A pair that may be wrong corrects the filter; the graph would keep it.
+        sure = has_id & ~pairs.cluster.soft
+        noise = self._noise_of(frame, np.where(sure, slot, -1))
         state = map_.filter.vehicle
         deleted, merged = self._clean(missed)
         self.tracked = TrackedFrame(
@@ -348,10 +350,10 @@ class Tracker:
             dt_s,
             self._increment,
             state,
-            ids[has_id],
-            frame.xy_m[has_id],
-            noise,
-            pairs.vague[has_id],
+            ids[sure],
+            frame.xy_m[sure],
+            noise + pairs.cluster.spread_m2[sure],
+            pairs.vague[sure],
             closure,
             merged,
             deleted,
