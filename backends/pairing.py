@@ -12,6 +12,7 @@ from conegraph.backends.association import associate
 from conegraph.backends.landmark_filter import PredictedCones
 from conegraph.backends.local_map import LocalMap
 from conegraph.backends.pairing_problem import (
+    ClusterVerdict,
     Pairing,
     Problem,
     colour_cost,
@@ -66,6 +67,7 @@ class Pairs:
         visible: slots of the cones whose places are known and were looked at.
         n_known: observations that lie where the map has cones.
         vague: (m,) matches with cones whose predicted places were vague.
+        cluster: matches that may be a neighbour, and births beside one.
     """
 
     slot: IntArray
@@ -76,6 +78,7 @@ class Pairs:
     visible: IntArray
     n_known: int
     vague: Mask
+    cluster: ClusterVerdict
 
     @property
     def matched(self) -> Mask:
@@ -239,6 +242,8 @@ class FramePairer:
         free = ~pairing.matched
         birth = free & (pairing.free_d2 > config.no_birth_d2)
         birth &= pairing.d2 > config.gate_d2
+        cluster = pairing.cluster or ClusterVerdict.none(len(slot))
+        birth |= free & cluster.beside & (pairing.free_d2 > config.no_birth_d2)
         ambiguous = free & ~birth
         confused = n_known >= 2 and hits < 0.5 * n_known
         if confused and config.method == "sequential":
@@ -252,6 +257,7 @@ class FramePairer:
             visible[~pairing.loose],
             n_known,
             vague,
+            cluster,
         )
 
 

@@ -38,6 +38,27 @@ class Problem:
 
 
 @dataclass(frozen=True, slots=True)
+class ClusterVerdict:
+    """What is known of observations whose candidates stand close together.
+
+    Attributes:
+        soft: (m,) matches that may be another cone of the same cluster.
+        spread_m2: (m, 2, 2) what this adds to the noise of the observation.
+        beside: (m,) observations of a cone not yet mapped, beside mapped ones.
+    """
+
+    soft: Mask
+    spread_m2: Array
+    beside: Mask
+
+    @classmethod
+    def none(cls, m: int) -> ClusterVerdict:
+        """Return the verdict on m observations that no cluster concerns."""
+        nowhere = np.zeros(m, dtype=bool)
+        return cls(nowhere, np.zeros((m, 2, 2)), nowhere)
+
+
+@dataclass(frozen=True, slots=True)
 class Pairing:
     """What was matched with what.
 
@@ -48,12 +69,14 @@ class Pairing:
         free_d2: (m,) the same to the nearest cone that nothing else matched and
             whose place is known well enough to speak of.
         loose: (k,) cones whose place is not known well enough.
+        cluster: what clusters leave open, None for methods that do not ask.
     """
 
     column: IntArray
     d2: Array
     free_d2: Array
     loose: Mask
+    cluster: ClusterVerdict | None = None
 
     @property
     def matched(self) -> Mask:

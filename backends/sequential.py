@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from conegraph.backends.clusters import CLUSTER_M, settle_clusters
 from conegraph.backends.pairing_problem import (
+    ClusterVerdict,
     Mask,
     Pairing,
     Problem,
     largest_sigma,
     mahalanobis,
 )
+from conegraph.backends.pairing_state import PairingState, accept
 from conegraph.config import AssociationConfig
 from conegraph.types import Array, IntArray
 
@@ -22,28 +23,8 @@ CONSTELLATION = 4
 CLUSTER = 2
 """Cones that must fit together before ambiguous ones are told apart."""
 
-CLUSTER_M = 0.8
-"""Size of a cluster: the posts of a gate, not two cones of a boundary."""
-
 MAX_SEEDS = 12
 """Pairs tried as the first of a constellation."""
-
-
-@dataclass(frozen=True, slots=True)
-class _State:
-    """Pairs made so far, and the predictions given them."""
-
-    h: Array
-    cov: Array
-    column: IntArray
-    d2: Array
-    score: float
-
-    @property
-    def used(self) -> Mask:
-        mask = np.zeros(len(self.h), dtype=bool)
-        mask[self.column[self.column >= 0]] = True
-        return mask
 
 
 def pair_sequentially(config: AssociationConfig, problem: Problem) -> Pairing:
@@ -58,17 +39,11 @@ def pair_sequentially(config: AssociationConfig, problem: Problem) -> Pairing:
 
     What is left over is paired together, if it can be: see `_recognise`.
     """
-    m = len(problem.xy_m)
-    start = _State(
-        problem.predicted.xy_m,
-        problem.predicted.cov_m2,
-        np.full(m, -1, dtype=np.int64),
-        np.full(m, np.inf),
-        0.0,
-    )
-    state = _advance(config, problem, start)
+    state = _advance(config, problem, PairingState.start(problem))
     state = _recognise(config, problem, state, vague=False)
     state = _recognise(config, problem, state, vague=True)
+    state = settle_clusters(config, problem, state)
+    state = _advance(config, problem, state)
     d2, logdet = mahalanobis(problem.xy_m, problem.noise_m2, state.h, state.cov)
     loose = largest_sigma(state.cov) > problem.loose_m
     likely = problem.new_cost - d2 - problem.cost - logdet > config.ambiguity_d2
@@ -76,10 +51,18 @@ def pair_sequentially(config: AssociationConfig, problem: Problem) -> Pairing:
     free_d2 = np.where(silent, np.inf, d2).min(axis=1)
     matched = state.column >= 0
     nearest_d2 = np.where(matched, state.d2, d2.min(axis=1))
-    return Pairing(state.column, nearest_d2, free_d2, loose & ~state.used)
+    return Pairing(
+        state.column,
+        nearest_d2,
+        free_d2,
+        loose & ~state.used,
+        ClusterVerdict(state.soft, state.spread_m2, state.beside),
+    )
 
 
-def _advance(config: AssociationConfig, problem: Problem, state: _State) -> _State:
+def _advance(
+    config: AssociationConfig, problem: Problem, state: PairingState
+) -> PairingState:
     """Make every pair that is sure; the first, which fix the pose, one at a time.
 
     Later rounds double: conditioning on more pairs hardly changes what is left.
@@ -97,13 +80,13 @@ def _advance(config: AssociationConfig, problem: Problem, state: _State) -> _Sta
         order = np.argsort(-gain[row, col], kind="stable")
         limit = 1 if rounds < 3 else 2 ** (rounds - 2)
         row, col = _one_to_one(row[order], col[order], limit)
-        state = _accept(problem, state, row, col, d2, gain)
+        state = accept(problem, state, row, col, d2, gain)
     return state
 
 
 def _recognise(
-    config: AssociationConfig, problem: Problem, state: _State, *, vague: bool
-) -> _State:
+    config: AssociationConfig, problem: Problem, state: PairingState, *, vague: bool
+) -> PairingState:
     """Pair together what could not be paired one by one.
 
     After a lap the cones of the start are predicted with an uncertainty that may
@@ -127,7 +110,7 @@ def _recognise(
     gain = problem.new_cost - d2 - problem.cost - logdet
     tried = []
     for i, j in zip(row[order], col[order], strict=True):
-        seeded = _accept(problem, state, np.array([i]), np.array([j]), d2, gain)
+        seeded = accept(problem, state, np.array([i]), np.array([j]), d2, gain)
         tried.append(_advance(config, problem, seeded))
     best = max(tried, key=lambda s: s.score)
     settled = best.column >= 0
@@ -146,37 +129,6 @@ def _clustered(free: Mask, h: Array) -> Mask:
     size = np.where(several[:, None], highest - lowest, np.inf)
     together: Mask = several & (np.hypot(size[:, 0], size[:, 1]) < CLUSTER_M)
     return together
-
-
-def _accept(
-    problem: Problem,
-    state: _State,
-    row: IntArray,
-    col: IntArray,
-    d2: Array,
-    gain: Array,
-) -> _State:
-    """Return the state with pairs added and predictions conditioned on them.
-
-    ``G = C_:j (C_jj + R)^-1, h += G (y - h_j), C -= G C_j:``.
-    """
-    index = np.stack([2 * col, 2 * col + 1], axis=1).ravel()
-    S = state.cov[np.ix_(index, index)]
-    i = 2 * np.arange(len(col))
-    for a in range(2):
-        for b in range(2):
-            S[i + a, i + b] += problem.noise_m2[row, a, b]
-    G = np.linalg.solve(S, state.cov[index]).T
-    shift = G @ (problem.xy_m[row] - state.h[col]).ravel()
-    column, matched_d2 = state.column.copy(), state.d2.copy()
-    column[row], matched_d2[row] = col, d2[row, col]
-    return _State(
-        state.h + shift.reshape(-1, 2),
-        state.cov - G @ state.cov[index],
-        column,
-        matched_d2,
-        state.score + float(gain[row, col].sum()),
-    )
 
 
 def _beats_rivals(weighed: Array, margin: float) -> Mask:

@@ -281,6 +281,7 @@ class Tracker:
             # Known ids are never refused; a gross error among them must not pull hard.
             excess = np.maximum(pairs.d2[row] / self._config.association.gate_d2, 1.0)
             cov = cov * excess[:, None, None]
+        cov = cov + pairs.cluster.spread_m2[row]
         seen = self.map.filter.innovation(slot, frame.xy_m[row], cov, self.sensor)
         surprising = seen.nis > seen.dof + 4.0 * np.sqrt(2.0 * seen.dof)
         if surprising and self._config.association.method != "nearest":
@@ -320,26 +321,29 @@ class Tracker:
     ) -> Associations:
         """Record sightings, births, misses and twins; describe the frame."""
         map_, book, driven_m = self.map, self.map.book, self.laps.driven_m
-        row = np.flatnonzero(pairs.matched)
+        row = np.flatnonzero(pairs.matched & ~pairs.cluster.soft)
         book_row = map_.row[pairs.slot[row]]
         confirmed = book.published[book_row]
         returned = driven_m - book.last_seen_m[book_row] > RETURN_M
         book.hit(book_row, frame.class_prob[row], driven_m)
-        book.note_together(book_row, frame.xy_m[row], TOGETHER_M)
         missed = self._missed(frame, pairs)
         born = np.flatnonzero(pairs.birth & self._add_cones)
         self._pairer.note_appearances(len(born), int(returned.sum()))
         slot = pairs.slot.copy()
         slot[born] = map_.add(frame.subset(born), driven_m)
         has_id = slot >= 0
+        beside = has_id & (pairs.matched | pairs.cluster.beside)
+        book.note_together(map_.row[slot[beside]], frame.xy_m[beside], TOGETHER_M)
         ids = np.full(len(frame), -1, dtype=np.int64)
         ids[has_id] = book.id[map_.row[slot[has_id]]]
         status = np.zeros(len(frame), dtype=np.int64)
-        status[pairs.ambiguous] = 1
+        status[pairs.ambiguous | pairs.cluster.soft] = 1
         status[row] = 2
         status[row[confirmed]] = 3
         status[born] = 4
-        noise = self._noise_of(frame, slot)
+        # A pair that may be wrong corrects the filter; the graph would keep it.
+        sure = has_id & ~pairs.cluster.soft
+        noise = self._noise_of(frame, np.where(sure, slot, -1))
         state = map_.filter.vehicle
         deleted, merged = self._clean(missed)
         self.tracked = TrackedFrame(
@@ -347,10 +351,10 @@ class Tracker:
             dt_s,
             self._increment,
             state,
-            ids[has_id],
-            frame.xy_m[has_id],
-            noise,
-            pairs.vague[has_id],
+            ids[sure],
+            frame.xy_m[sure],
+            noise + pairs.cluster.spread_m2[sure],
+            pairs.vague[sure],
             closure,
             merged,
             deleted,
@@ -358,7 +362,12 @@ class Tracker:
         self.last_frame, self.last_ids = frame, ids
         d2 = np.where(np.isfinite(pairs.d2), pairs.d2, np.nan)
         return Associations(
-            frame.stamp_s, tuple(STATUS[i] for i in status), ids, d2, seen.nis, seen.dof
+            frame.stamp_s,
+            tuple(STATUS[i] for i in status),
+            np.where(status == 1, -1, ids),
+            d2,
+            seen.nis,
+            seen.dof,
         )
 
     def _missed(self, frame: ConeObservations, pairs: Pairs) -> IntArray:

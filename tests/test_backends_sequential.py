@@ -110,10 +110,21 @@ def test_between_two_cones_nothing_is_chosen() -> None:
     assert pairing.d2[0] < 1.0
 
 
-def test_between_two_observations_no_cone_is_chosen() -> None:
+def test_of_two_observations_of_one_cone_one_has_it_in_doubt_and_one_is_beside() -> (
+    None
+):
     seen = np.array([[5.0, 0.1], [5.0, -0.1]])
     asked = problem(seen, np.array([[5.0, 0.0]]), np.diag([0.04, 0.04, 1e-6]))
-    np.testing.assert_array_equal(pair(asked).column, [-1, -1])
+    pairing = pair(asked)
+    assert pairing.cluster is not None
+    np.testing.assert_array_equal(np.sort(pairing.column), [-1, 0])
+    one = pairing.column == 0
+    np.testing.assert_array_equal(pairing.cluster.soft, one)
+    np.testing.assert_array_equal(pairing.cluster.beside, ~one)
+    # Either is as likely: half of the squared 0.2 m between them, across.
+    np.testing.assert_allclose(
+        pairing.cluster.spread_m2[one][0], np.diag([0.0, 0.02]), atol=1e-3
+    )
 
 
 def test_colour_decides_where_place_does_not() -> None:
