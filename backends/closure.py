@@ -102,7 +102,8 @@ class ClosureWatch:
         start = np.flatnonzero(
             self._pairer.roles(frame.class_prob) == ROLE_INDEX["start"]
         ).astype(np.int64)
-        if len(start) < 2 or pairs.matched.sum() > 0.5 * len(frame):
+        ordinary = pairs.matched.sum() > 0.5 * len(frame)
+        if self._config.forced or len(start) < 2 or ordinary:
             return ClosureResult()
         return self._try_gate(map_, frame, start, driven_m)
 

@@ -55,6 +55,7 @@ class Isam2Backend(Tracker):
         self._waiting: list[TrackedFrame] = []
         self._updated_s = -np.inf
         self._pose_cov = np.zeros((3, 3))
+        self._anchor_m = np.zeros(2)
 
     def observe_cones(self, frame: ConeObservations) -> Associations | None:
         """Track a frame; now and then let the graph take in what is waiting."""
@@ -74,15 +75,20 @@ class Isam2Backend(Tracker):
         """Return the tracker's estimate with the pose's uncertainty in the world.
 
         The tracker's own covariance counts from the last graph update on; what the
-        graph said of the pose then is added.
+        graph said of the pose then is added, its heading at the distance since.
         """
         local = super().estimate()
-        return replace(local, pose_cov=local.pose_cov + self._pose_cov)
+        ahead = local.pose[:2] - self._anchor_m
+        lever = np.eye(3)
+        lever[0, 2], lever[1, 2] = -ahead[1], ahead[0]
+        world = lever @ self._pose_cov @ lever.T
+        return replace(local, pose_cov=local.pose_cov + world)
 
     def cone_map(self) -> ConeMap:
         """Return the confirmed cones.
 
-        Until `finish`, covariances are those relative to the car.
+        Until `finish`, covariances are those relative to the car when the tracker
+        last held the cone.
         """
         return self.map.publish()
 
@@ -92,16 +98,25 @@ class Isam2Backend(Tracker):
             self._update_graph()
         if not self.mapper.stamps_s:
             return None
-        path = self.mapper.settle(polish=self._graph_config.polish)
-        if path is None:
+        try:
+            path = self.mapper.settle(polish=self._graph_config.polish)
+            if path is not None:
+                self._take_map()
+        except (RuntimeError, np.linalg.LinAlgError):
             return None
-        self.map.release()
-        book = self.map.book
-        for row, cone in enumerate(book.id.tolist()):
-            if cone in self.mapper.cones:
-                book.xy_m[row] = self.mapper.cone_m(cone)
-                book.cov_m2[row] = self.mapper.cone_cov_m2(cone)
         return path
+
+    def _take_map(self) -> None:
+        """Take places and covariances of all cones from the settled graph."""
+        book, mapper = self.map.book, self.mapper
+        found = {
+            row: (mapper.cone_m(cone), mapper.cone_cov_m2(cone))
+            for row, cone in enumerate(book.id.tolist())
+            if cone in mapper.cones
+        }
+        self.map.release()
+        for row, (xy, cov) in found.items():
+            book.xy_m[row], book.cov_m2[row] = xy, cov
 
     def _is_due(self, newest: TrackedFrame) -> bool:
         if newest.closure or len(self._waiting) >= MANY_FRAMES:
@@ -123,7 +138,7 @@ class Isam2Backend(Tracker):
             retractions = self.mapper.update(frames)
             if not self.mapper.failed:
                 self._load_snapshot()
-        except RuntimeError:
+        except (RuntimeError, np.linalg.LinAlgError):
             self.mapper.mend()
             return
         if retractions:
@@ -143,6 +158,7 @@ class Isam2Backend(Tracker):
             self.sensor.max_range_m + self._graph_config.snapshot_margin_m,
         )
         self._pose_cov = snapshot.pose_cov
+        self._anchor_m = snapshot.state[:2]
         self.map.load(
             snapshot.state,
             snapshot.cov,

@@ -94,6 +94,7 @@ class LocalMap:
             all_ids: (m,) ids of every cone.
             all_m: (m, 2) their positions.
         """
+        self.sync()
         place = {int(i): row for row, i in enumerate(self.book.id)}
         for cone, xy in zip(all_ids.tolist(), all_m, strict=True):
             if cone in place:

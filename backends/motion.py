@@ -24,8 +24,8 @@ NV = 6
 STEP_FLOOR = (1e-7, 1e-7, 1e-8)
 """Variances (m^2, m^2, rad^2) of the smallest step: exact ones break solvers."""
 
-LONGEST_DOUBT_S = 30.0
-"""Doubt grows no further than over this: the car may then be kilometres away, and
+LONGEST_DOUBT_S = 5.0
+"""Doubt grows no further than over this: the car is then anywhere on the track, and
 variances much greater than that drown the sensor's in rounding."""
 
 
@@ -168,6 +168,7 @@ def integrate_odometry(
     start_s: float,
     end_s: float,
     config: MotionConfig,
+    spacing_s: float = 0.0,
 ) -> OdometryIncrement:
     """Integrate velocity samples over ``[start_s, end_s]``.
 
@@ -176,13 +177,15 @@ def integrate_odometry(
     the segments' middles: ``x = sum u_i dt_i cos h_i``, likewise y, and
     ``psi = sum r_i dt_i``. A sample's error is white, so a segment inside a
     sampling interval ``D`` contributes ``cov D dt``. The path also walks sideways
-    by the configured slip, and an interval longer than ``odometry_hold_s`` adds
-    what the car's accelerations can do beyond it.
+    by the configured slip. Where no sample has come since the last, that one stands
+    for ``spacing_s``, the interval between the last two; an interval longer than
+    ``odometry_hold_s`` adds what the car's accelerations can do beyond it.
     """
     stamps = np.array([previous.stamp_s, *(v.stamp_s for v in samples)])
     values = np.array([[v.u_mps, v.r_radps] for v in (previous, *samples)])
     covs = np.array([v.cov for v in (previous, *samples)])
-    last_gap = stamps[-1] - stamps[-2] if len(stamps) > 1 else end_s - start_s
+    last_gap = stamps[-1] - stamps[-2] if len(stamps) > 1 else 0.0
+    last_gap = max(last_gap, spacing_s)
     first = values[0]
     if len(stamps) > 1 and stamps[1] > stamps[0]:
         passed = np.clip((start_s - stamps[0]) / (stamps[1] - stamps[0]), 0.0, 1.0)

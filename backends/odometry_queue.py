@@ -17,6 +17,7 @@ class OdometryQueue:
         self._config = config
         self._waiting: deque[VelocityObservation] = deque()
         self._held: VelocityObservation | None = None
+        self._spacing_s = 0.0
 
     def push(self, sample: VelocityObservation) -> None:
         """Take the next sample; stamps never decrease."""
@@ -35,6 +36,9 @@ class OdometryQueue:
         while self._waiting and self._waiting[0].stamp_s <= end_s:
             taken.append(self._waiting.popleft())
         if taken:
+            before = taken[-2] if len(taken) > 1 else self._held
+            if before is not None:
+                self._spacing_s = taken[-1].stamp_s - before.stamp_s
             self._held = taken[-1]
         return taken
 
@@ -67,5 +71,10 @@ class OdometryQueue:
         inside = [v for v in samples if v.stamp_s >= start_s]
         skipped = samples[: len(samples) - len(inside)]
         return integrate_odometry(
-            skipped[-1] if skipped else first, inside, start_s, end_s, self._config
+            skipped[-1] if skipped else first,
+            inside,
+            start_s,
+            end_s,
+            self._config,
+            self._spacing_s,
         )

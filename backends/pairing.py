@@ -88,9 +88,10 @@ class Pairs:
     def with_used(self, row: IntArray, slot: IntArray) -> Pairs:
         """Return these pairs with some fixed that have corrected the filter."""
         slots, update, birth = self.slot.copy(), self.update.copy(), self.birth.copy()
+        vague = self.vague.copy()
         slots[np.isin(slots, slot)] = -1
-        slots[row], update[row], birth[row] = slot, False, False
-        return replace(self, slot=slots, update=update, birth=birth)
+        slots[row], update[row], birth[row], vague[row] = slot, False, False, True
+        return replace(self, slot=slots, update=update, birth=birth, vague=vague)
 
 
 class FramePairer:
@@ -184,7 +185,7 @@ class FramePairer:
             config,
             Problem(
                 frame.xy_m,
-                frame.cov_m2 * self._config.sensor.scale**2,
+                frame.cov_m2,
                 predicted,
                 cost,
                 allowed,

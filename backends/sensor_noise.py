@@ -39,7 +39,8 @@ def transport_covariance(
     judgement of a single cone is kept. Shapes (N, 2, 2), (N, 2), (N, 2).
     """
     before = polar_sigmas(np.hypot(*measured_m.T), model)
-    after = polar_sigmas(np.hypot(*predicted_m.T), model)
+    nearest = np.maximum(np.hypot(*predicted_m.T), model.min_range_m)
+    after = polar_sigmas(nearest, model)
     scale = np.stack([after[0] / before[0], after[1] / before[1]], axis=1)
     old, new = _axes(measured_m), _axes(predicted_m)
     local = old.transpose(0, 2, 1) @ cov_m2 @ old

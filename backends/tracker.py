@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -165,6 +165,8 @@ class Tracker:
         accepted = self.gate.cones(frame)
         if accepted is None:
             return None
+        scale = self._config.sensor.scale
+        accepted = replace(accepted, cov_m2=accepted.cov_m2 * scale**2)
         before_s, moved_m = self._stamp_s, self._advance(accepted.stamp_s)
         dt_s = 0.0 if before_s is None else accepted.stamp_s - before_s
         ticks.append(time.perf_counter())
@@ -194,8 +196,7 @@ class Tracker:
         closure = self._closures.check(self.map, frame, pairs, gate, driven_m)
         if closure.match is not None:
             row = closure.match.row
-            cov = frame.cov_m2[row] * self._config.sensor.scale**2
-            self._correct(frame.xy_m[row], cov, closure.match.slot)
+            self._correct(frame.xy_m[row], frame.cov_m2[row], closure.match.slot)
             again = self._pairer.pair(self.map, frame, self._noise)
             pairs = again.with_used(closure.match.row, closure.match.slot)
         return pairs, closure
@@ -225,6 +226,7 @@ class Tracker:
         filter_ = self.map.filter
         start = filter_.vehicle
         if not self._config.motion.odometry_as_input:
+            self._increment = self.queue.peek(before_s, stamp_s)
             before_s = self._correct_with_samples(before_s, stamp_s)
         step = self._step(filter_.vehicle, before_s, stamp_s, peek=False)
         filter_.predict(step)
@@ -249,8 +251,8 @@ class Tracker:
         if self._config.motion.odometry_as_input:
             look = self.queue.peek if peek else self.queue.take
             increment = look(start_s, end_s)
-        if not peek:
-            self._increment = increment
+            if not peek:
+                self._increment = increment
         if increment is not None:
             return predict_with_odometry(state, increment, self._config.motion)
         return self._free_step(state, end_s - start_s)
@@ -261,9 +263,7 @@ class Tracker:
         return (predict_euler if euler else predict_midpoint)(state, dt_s, motion)
 
     def _correct(self, xy_m: Array, cov_m2: Array, slot: IntArray) -> None:
-        measured = self._config.sensor.noise_at == "measured"
-        model = None if measured else self.sensor
-        self.map.filter.update_cones(slot, xy_m, cov_m2, model)
+        self.map.filter.update_cones(slot, xy_m, cov_m2, self._noise_model())
 
     def _settle(self, frame: ConeObservations, pairs: Pairs, dt_s: float) -> Innovation:
         """Correct with the frame's matches; return their joint innovation."""
@@ -276,18 +276,32 @@ class Tracker:
         if len(row) == 0:
             return Innovation(float("nan"), 0)
         slot = pairs.slot[row]
-        cov = frame.cov_m2[row] * self._config.sensor.scale**2
+        cov = frame.cov_m2[row]
         if self._config.association.method == "known":
             # Known ids are never refused; a gross error among them must not pull hard.
             excess = np.maximum(pairs.d2[row] / self._config.association.gate_d2, 1.0)
             cov = cov * excess[:, None, None]
         cov = cov + pairs.cluster.spread_m2[row]
-        seen = self.map.filter.innovation(slot, frame.xy_m[row], cov, self.sensor)
+        try:
+            return self._correct_checked(frame.xy_m[row], cov, slot, noise)
+        except np.linalg.LinAlgError:
+            self.gate.rejected["frame: too uncertain to correct with"] += 1
+            return Innovation(float("nan"), 0)
+
+    def _correct_checked(
+        self, xy_m: Array, cov_m2: Array, slot: IntArray, noise: Array
+    ) -> Innovation:
+        """Correct the filter; a jointly improbable frame first adds to its doubt."""
+        seen = self.map.filter.innovation(slot, xy_m, cov_m2, self._noise_model())
         surprising = seen.nis > seen.dof + 4.0 * np.sqrt(2.0 * seen.dof)
         if surprising and self._config.association.method != "nearest":
             self.map.filter.inflate(SURPRISE * noise)
-        self._correct(frame.xy_m[row], cov, slot)
+        self._correct(xy_m, cov_m2, slot)
         return seen
+
+    def _noise_model(self) -> SensorModel | None:
+        """Return the model that moves noise to the predicted range, None for none."""
+        return None if self._config.sensor.noise_at == "measured" else self.sensor
 
     def _correct_with_cone_velocity(
         self, frame: ConeObservations, pairs: Pairs, dt_s: float
@@ -411,7 +425,7 @@ class Tracker:
     def _noise_of(self, frame: ConeObservations, slot: IntArray) -> Array:
         """Sensor noise (k, 2, 2) of the rows with a cone, where it is predicted."""
         rows = slot >= 0
-        cov = frame.cov_m2[rows] * self._config.sensor.scale**2
+        cov = frame.cov_m2[rows]
         if self._config.sensor.noise_at == "measured":
             return cov
         predicted = self.map.filter.cones_in_car_frame()[slot[rows]]

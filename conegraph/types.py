@@ -183,7 +183,8 @@ class Associations:
         status: (N,) one `MatchStatus` each.
         landmark_id: (N,) id of the landmark, -1 where there is none.
         d2: (N,) squared Mahalanobis distance to it (or to the nearest), NaN if none.
-        nis: normalised innovation squared of the joint update, NaN without one.
+        nis: normalised innovation squared of the joint update, before any doubt was
+            added because of it; NaN without one.
         nis_dof: its degrees of freedom.
     """
 

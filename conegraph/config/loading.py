@@ -41,7 +41,11 @@ THESIS: Tree = {
     "start_line": {"forced": True},
     "sensor": {"noise_at": "measured"},
 }
-"""What the thesis does differently, laid under the user's own keys."""
+"""What the thesis does differently, laid under the user's own keys.
+
+Its car has no odometry; where a source has some, its velocities correct the state
+as those from cones do in section 4.4.2; `motion.use_odometry = false` leaves them out.
+"""
 
 
 def load_config(
