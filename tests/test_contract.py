@@ -134,7 +134,7 @@ def test_the_readmes_python_runs(
         main(["simulate", "oval", "--laps", "1", "--out", "log"])
     (shown,) = blocks("python")
     exec(compile(shown, "README.md", "exec"), {})
-    assert (tmp_path / "out" / "log" / "map.csv").is_file()
+    assert (tmp_path / "out" / "api" / "map.csv").is_file()
 
 
 def test_the_readmes_commands_exist(capsys: pytest.CaptureFixture[str]) -> None:

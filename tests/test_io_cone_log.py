@@ -280,7 +280,8 @@ def test_a_folder_without_cones(tmp_path: Path) -> None:
     with pytest.raises(FileFormatError, match=r"cones\.csv.*is missing"):
         read_cone_log(tmp_path)
     (tmp_path / "cones.csv").write_text("t,x,y\n", encoding="utf-8")
-    assert read_cone_log(tmp_path).stream == ()
+    with pytest.raises(FileFormatError, match=r"cones\.csv.*holds no frames"):
+        read_cone_log(tmp_path)
 
 
 def test_a_lidar_log_is_read_in_seconds(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -77,7 +78,10 @@ def _run_job(name: str, job: Job, source: Source, viewer: Viewer) -> RunResult:
         add_cones=job.add_cones,
     )
     with progress_bar(name, source.n_frames) as advance:
-        return pipeline.run(job.folder, advance)
+        result = pipeline.run(job.folder, advance)
+    for reason, count in result.summary["rejected"].items():
+        print(f"conegraph: {name}: {count} x {reason}: left out", file=sys.stderr)
+    return result
 
 
 def print_comparison(comparison: Comparison) -> None:

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from conegraph.cli.options import OutOption
+from conegraph.errors import ConegraphError
 from conegraph.sources import MAX_LAPS, SimOptions, simulate_track
 
 
@@ -38,6 +39,8 @@ def simulate(
     from conegraph.cli.progress import progress_bar
     from conegraph.io.cone_log import write_cone_log
 
+    if any(out.glob("cones.csv*")):
+        raise ConegraphError(f"{out}: holds a cone log already; name another folder")
     with progress_bar(f"driving {track}"):
         recording = simulate_track(
             track, SimOptions(laps, seed, sensor.value, odometry)

@@ -78,6 +78,8 @@ def read_cone_log(folder: Path) -> Recording:
         raise FileFormatError(folder / "cones.csv", "is missing: not a cone log")
     rejected: Counter[str] = Counter()
     frames, sensor = _read_frames(path, rejected)
+    if not frames and not rejected:
+        raise FileFormatError(path, "holds no frames")
     odometry = find_file(folder, "odometry.csv")
     velocities = _read_velocities(odometry, rejected) if odometry else []
     truth = find_file(folder, "truth.csv")
