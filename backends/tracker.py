@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from conegraph.backends.base import FrameEvents
+from conegraph.backends.car_motion import CarMotion
 from conegraph.backends.closure import (
     ClosureResult,
     ClosureWatch,
@@ -24,20 +25,12 @@ from conegraph.backends.health import HealthMonitor
 from conegraph.backends.landmark_filter import Innovation
 from conegraph.backends.laps import LapCounter
 from conegraph.backends.local_map import TOGETHER_M, LocalMap
-from conegraph.backends.motion import (
-    OdometryIncrement,
-    Prediction,
-    predict_euler,
-    predict_midpoint,
-    predict_with_odometry,
-)
-from conegraph.backends.odometry_queue import OdometryQueue
+from conegraph.backends.map_cleaner import MapCleaner
+from conegraph.backends.motion import OdometryIncrement
 from conegraph.backends.pairing import (
-    ROLE_INDEX,
     FramePairer,
     Mask,
     Pairs,
-    overdue,
 )
 from conegraph.backends.sensor_noise import effective_sensor, transport_covariance
 from conegraph.backends.velocity import cone_velocity
@@ -45,7 +38,6 @@ from conegraph.config import Config
 from conegraph.types import (
     Array,
     Associations,
-    ConeClass,
     ConeMap,
     ConeObservations,
     Estimate,
@@ -54,9 +46,6 @@ from conegraph.types import (
     SensorModel,
     VelocityObservation,
 )
-
-MERGE_EVERY = 10
-"""Frames between searches for cones that were mapped twice."""
 
 STATUS = (
     MatchStatus.REJECTED,
@@ -126,16 +115,13 @@ class Tracker:
         self._add_cones = add_cones
         self._fixed_map = None if add_cones else known_map
         self.gate = InputGate(config.gate)
-        self.queue = OdometryQueue(config.motion)
+        self.motion = CarMotion(config.motion)
         self.laps = LapCounter(config.start_line)
         self._pairer = FramePairer(config, self.sensor)
+        self._cleaner = MapCleaner(config, self.sensor, self._pairer)
         self._closures = ClosureWatch(config.start_line, self._pairer)
         self._health = HealthMonitor(config.status)
         self._asked_s = -np.inf
-        self._stamp_s: float | None = None
-        self._increment: OdometryIncrement | None = None
-        self._noise = np.zeros((6, 6))
-        self._frames = 0
         self.last_frame: ConeObservations | None = None
         self.last_ids: IntArray = np.zeros(0, dtype=np.int64)
         self.last_events = FrameEvents()
@@ -157,7 +143,7 @@ class Tracker:
             return
         accepted = self.gate.velocity(sample)
         if accepted is not None:
-            self.queue.push(accepted)
+            self.motion.queue.push(accepted)
             self.predict(accepted.stamp_s)
 
     def observe_cones(self, frame: ConeObservations) -> Associations | None:
@@ -168,7 +154,8 @@ class Tracker:
             return None
         scale = self._config.sensor.scale
         accepted = replace(accepted, cov_m2=accepted.cov_m2 * scale**2)
-        before_s, moved_m = self._stamp_s, self._advance(accepted.stamp_s)
+        before_s = self.motion.stamp_s
+        moved_m = self.motion.advance(self.map.filter, accepted.stamp_s)
         dt_s = 0.0 if before_s is None else accepted.stamp_s - before_s
         ticks.append(time.perf_counter())
         pairs, closure = self._pair(accepted)
@@ -183,14 +170,14 @@ class Tracker:
         self.last_events = FrameEvents(
             closure.events,
             () if lap is None else (lap,),
-            self._health.judge(accepted.stamp_s, self.queue.newest_s)[1],
+            self._health.judge(accepted.stamp_s, self.motion.queue.newest_s)[1],
             dict(zip(stages, (1e3 * np.diff(ticks)).tolist(), strict=True)),
         )
         return result
 
     def _pair(self, frame: ConeObservations) -> tuple[Pairs, ClosureResult]:
         """Associate a frame; a loop closure corrects the filter on the way."""
-        pairs = self._pairer.pair(self.map, frame, self._noise)
+        pairs = self._pairer.pair(self.map, frame, self.motion.noise)
         if self._config.start_line.forced:
             pairs = forced_start_pairs(self._pairer, self.map, frame, pairs)
         gate, driven_m = self.laps.gate, self.laps.driven_m
@@ -198,7 +185,7 @@ class Tracker:
         if closure.match is not None:
             row = closure.match.row
             self._correct(frame.xy_m[row], frame.cov_m2[row], closure.match.slot)
-            again = self._pairer.pair(self.map, frame, self._noise)
+            again = self._pairer.pair(self.map, frame, self.motion.noise)
             pairs = again.with_used(closure.match.row, closure.match.slot)
         return pairs, closure
 
@@ -209,63 +196,15 @@ class Tracker:
     def estimate(self) -> Estimate:
         """Return the estimate at the newest stamp asked for or observed."""
         state, cov = self.map.filter.vehicle, self.map.filter.vehicle_cov
-        stamp_s = self._stamp_s
+        stamp_s = self.motion.stamp_s
         if stamp_s is None:
             stamp_s = max(self._asked_s, 0.0)
         elif self._asked_s > stamp_s:
-            step = self._step(state, stamp_s, self._asked_s, peek=True)
+            step = self.motion.look_ahead(state, self._asked_s)
             state, cov = step.state, step.F @ cov @ step.F.T + step.Q
             stamp_s = self._asked_s
-        status, _ = self._health.judge(stamp_s, self.queue.newest_s)
+        status, _ = self._health.judge(stamp_s, self.motion.queue.newest_s)
         return Estimate(stamp_s, state[:3], cov[:3, :3], state[3:5], status)
-
-    def _advance(self, stamp_s: float) -> float:
-        """Predict to a frame's stamp; return the distance driven.
-
-        The first frame is the origin: nothing is predicted before it.
-        """
-        before_s, self._stamp_s = self._stamp_s, stamp_s
-        if before_s is None:
-            self.queue.samples(stamp_s)
-            return 0.0
-        filter_ = self.map.filter
-        start = filter_.vehicle
-        if not self._config.motion.odometry_as_input:
-            self._increment = self.queue.peek(before_s, stamp_s)
-            before_s = self._correct_with_samples(before_s, stamp_s)
-        step = self._step(filter_.vehicle, before_s, stamp_s, peek=False)
-        filter_.predict(step)
-        self._noise = self._noise + step.Q
-        return float(np.hypot(*(step.state[:2] - start[:2])))
-
-    def _correct_with_samples(self, before_s: float, stamp_s: float) -> float:
-        """Predict to each waiting sample and correct with it (section 4.4.2)."""
-        for sample in self.queue.samples(stamp_s):
-            if sample.stamp_s > before_s:
-                self.map.filter.predict(
-                    self._free_step(self.map.filter.vehicle, sample.stamp_s - before_s)
-                )
-                before_s = sample.stamp_s
-            self.map.filter.update_velocity(sample.u_mps, sample.r_radps, sample.cov)
-        return before_s
-
-    def _step(
-        self, state: Array, start_s: float, end_s: float, *, peek: bool
-    ) -> Prediction:
-        increment = None
-        if self._config.motion.odometry_as_input:
-            look = self.queue.peek if peek else self.queue.take
-            increment = look(start_s, end_s)
-            if not peek:
-                self._increment = increment
-        if increment is not None:
-            return predict_with_odometry(state, increment, self._config.motion)
-        return self._free_step(state, end_s - start_s)
-
-    def _free_step(self, state: Array, dt_s: float) -> Prediction:
-        motion = self._config.motion
-        euler = motion.integration == "euler"
-        return (predict_euler if euler else predict_midpoint)(state, dt_s, motion)
 
     def _correct(self, xy_m: Array, cov_m2: Array, slot: IntArray) -> None:
         self.map.filter.update_cones(slot, xy_m, cov_m2, self._noise_model())
@@ -275,9 +214,8 @@ class Tracker:
         if self._config.motion.cone_velocity:
             self._correct_with_cone_velocity(frame, pairs, dt_s)
         row = np.flatnonzero(pairs.matched & pairs.update).astype(np.int64)
-        noise = self._noise
-        if pairs.matched.any():
-            self._noise = np.zeros_like(noise)
+        matched = bool(pairs.matched.any())
+        noise = self.motion.take_noise() if matched else self.motion.noise
         if len(row) == 0:
             return Innovation(float("nan"), 0)
         slot = pairs.slot[row]
@@ -345,7 +283,7 @@ class Tracker:
         confirmed = book.published[book_row]
         returned = driven_m - book.last_seen_m[book_row] > RETURN_M
         book.hit(book_row, frame.class_prob[row], driven_m)
-        missed = self._missed(frame, pairs)
+        missed = self._cleaner.missed(map_, frame, pairs)
         born = np.flatnonzero(pairs.birth & self._add_cones)
         self._pairer.note_appearances(len(born), int(returned.sum()))
         slot = pairs.slot.copy()
@@ -364,11 +302,11 @@ class Tracker:
         sure = has_id & ~pairs.cluster.soft
         noise = self._noise_of(frame, np.where(sure, slot, -1))
         state = map_.filter.vehicle
-        deleted, merged = self._clean(missed)
+        deleted, merged = self._cleaner.clean(map_, missed, self.laps)
         self.tracked = TrackedFrame(
             frame.stamp_s,
             dt_s,
-            self._increment,
+            self.motion.increment,
             state,
             ids[sure],
             frame.xy_m[sure],
@@ -388,44 +326,6 @@ class Tracker:
             seen.nis,
             seen.dof,
         )
-
-    def _missed(self, frame: ConeObservations, pairs: Pairs) -> IntArray:
-        """Slots of cones that this frame speaks against."""
-        config, sensor = self._config.landmarks, self.sensor
-        if not config.prune or self._config.association.method == "known":
-            return np.zeros(0, dtype=np.int64)
-        return overdue(self.map, sensor, frame, pairs, config.view_share)
-
-    def _clean(
-        self, missed: IntArray
-    ) -> tuple[tuple[int, ...], tuple[tuple[int, int], ...]]:
-        """Delete cones that are not there, unite twins, find the start gate."""
-        map_, book = self.map, self.map.book
-        assumed = self._config.landmarks.assumed_detection_probability
-        reported = self.sensor.detection_probability
-        chance = assumed if reported is None else min(assumed, 0.65 * reported)
-        book.miss(map_.row[missed], chance)
-        doomed = missed[book.doomed()[map_.row[missed]]]
-        deleted = tuple(book.id[map_.row[doomed]].tolist())
-        map_.remove(doomed)
-        self._frames += 1
-        merged: tuple[tuple[int, int], ...] = ()
-        if self._frames % MERGE_EVERY == 0:
-            known = self._config.association.method == "known"
-            if self._config.landmarks.merge_d2 > 0.0 and not known:
-                merged = map_.merge_twins()
-            self._locate_gate()
-        return deleted, merged
-
-    def _locate_gate(self) -> None:
-        """Tell the lap counter where the start cones are: the big ones, if any."""
-        map_, book = self.map, self.map.book
-        shown = book.published[map_.row]
-        prob = book.class_prob[map_.row]
-        xy = map_.filter.landmarks_m
-        big = shown & (prob.argmax(axis=1) == ConeClass.BIG_ORANGE)
-        start = shown & (self._pairer.roles(prob) == ROLE_INDEX["start"])
-        self.laps.locate_gate(xy[big if big.sum() >= 2 else start])
 
     def _noise_of(self, frame: ConeObservations, slot: IntArray) -> Array:
         """Sensor noise (k, 2, 2) of the rows with a cone, where it is predicted."""
