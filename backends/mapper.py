@@ -28,7 +28,7 @@ from conegraph.backends.factors import (
     start_prior,
     velocity_prior,
 )
-from conegraph.backends.motion import NV, yaw_rate_bias_sigma
+from conegraph.backends.motion import NV, OdometryIncrement, yaw_rate_bias_sigma
 from conegraph.backends.tracker import TrackedFrame
 from conegraph.config import Isam2Config, MotionConfig
 from conegraph.geometry import to_child, to_parent
@@ -41,6 +41,9 @@ WILDFIRE = 1e-3
 
 BIAS_SEGMENT_S = 10.0
 """Length of a stretch of time with one yaw-rate bias."""
+
+POLISH_ROUNDS = 3
+"""Linearisations of odometry with a bias in the final solution."""
 
 CLOSURE_D2 = 25.0
 """A closure whose factors end up farther off than this, on average, is undone."""
@@ -80,6 +83,7 @@ class Mapper:
         self._new_values = gtsam.Values()
         self._closing: list[tuple[TrackedFrame, int, list[int]]] = []
         self._last_state = np.zeros(NV)
+        self._odometry: list[tuple[int, int, OdometryIncrement, int]] = []
         self._new.add(start_prior(ORIGIN_SIGMAS if known is None else KNOWN_MAP_SIGMAS))
         if self.has_bias:
             self._new.add(bias_prior(bias_sigma))
@@ -154,6 +158,9 @@ class Mapper:
         """Add the motion between the last frame and this one."""
         if frame.increment is not None:
             bias = self._bias(frame) if self.has_bias else None
+            if bias is not None:
+                place = self._graph.size() + self._new.size()
+                self._odometry.append((place, k, frame.increment, bias[0]))
             before = self._last_state[:3]
             self._new.add(odometry_motion(k, frame.increment, before, bias))
             return
@@ -223,7 +230,7 @@ class Mapper:
         isam = _new_isam()
         isam.update(graph, solve(graph, values))
         self.isam, self._graph, self._first = isam, graph, values
-        self._removed, self._closing = set(), []
+        self._removed, self._closing, self._odometry = set(), [], []
         self.cones = {c: n for c, n in self.cones.items() if L(c) in keys}
 
     def _verify(self) -> list[Retraction]:
@@ -278,9 +285,10 @@ class Mapper:
             return None
         values = self.isam.calculateEstimate()
         if polish:
-            graph = self._live(self._graph.size())
             try:
-                values = solve(graph, values)
+                for _ in range(POLISH_ROUNDS if self._odometry else 1):
+                    graph = self._at(values)
+                    values = solve(graph, values)
                 isam = _new_isam()
                 isam.update(graph, values)
                 self.isam = isam
@@ -288,6 +296,23 @@ class Mapper:
                 log.warning("batch: %s; keeping what iSAM2 had", _short(error))
         poses = [_as_array(values.atPose2(X(k))) for k in range(len(self.stamps_s))]
         return Trajectory(np.array(self.stamps_s), np.array(poses).reshape(-1, 3))
+
+    def _at(self, values: gtsam.Values) -> gtsam.NonlinearFactorGraph:
+        """Return the live factors, odometry with a bias linearised at the values.
+
+        Where the tracker was when it made them, these are off by half the square of
+        the turn that closures have given the map since, step after step.
+        """
+        stale = {place for place, _, _, _ in self._odometry}
+        graph = gtsam.NonlinearFactorGraph()
+        for n in range(self._graph.size()):
+            if n not in self._removed and n not in stale:
+                graph.add(self._graph.at(n))
+        for _, k, increment, segment in self._odometry:
+            before = _as_array(values.atPose2(X(k - 1)))
+            bias = float(values.atVector(B(segment))[0])
+            graph.add(odometry_motion(k, increment, before, (segment, bias)))
+        return graph
 
     def mend(self) -> None:
         """Replace a solver that turned out to be unusable when it was read."""
