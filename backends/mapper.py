@@ -42,7 +42,7 @@ WILDFIRE = 1e-3
 BIAS_SEGMENT_S = 10.0
 """Length of a stretch of time with one yaw-rate bias."""
 
-POLISH_ROUNDS = 3
+POLISH_ROUNDS = 2
 """Linearisations of odometry with a bias in the final solution."""
 
 CLOSURE_D2 = 25.0

@@ -265,5 +265,6 @@ def test_a_biased_lap_is_straightened_by_the_final_solution() -> None:
     mapper = Mapper(CONFIG, MOTION)
     mapper.update(frames)
     gap = settled(mapper).pose[:, :2] - true[:, :2]
-    # Linearised once, where the tracker was, the path is 0.3 m off.
-    assert np.hypot(gap[:, 0], gap[:, 1]).max() < 0.03
+    # Linearised once, where the tracker was, the path is 0.3 m off; what is left is
+    # what the prior and the walk of the bias allow it to bend.
+    assert np.hypot(gap[:, 0], gap[:, 1]).max() < 0.05
