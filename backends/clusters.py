@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from conegraph.backends.pairing_problem import Mask, Problem, mahalanobis
+from conegraph.backends.pairing_problem import Problem, mahalanobis
 from conegraph.backends.pairing_state import PairingState, accept
 from conegraph.config import AssociationConfig
-from conegraph.types import Array, IntArray
+from conegraph.types import Array, IntArray, Mask
 
 CLUSTER_M = 0.8
 """Size of a cluster: the posts of a gate, not two cones of a boundary."""

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from conegraph.config import LandmarkConfig
-from conegraph.types import N_CLASSES, Array, ConeMap, IntArray
-
-Mask = NDArray[np.bool_]
+from conegraph.types import N_CLASSES, Array, ConeMap, IntArray, Mask
 
 PRIOR = np.array([0.175, 0.175, 0.175, 0.175, 0.3])
 """Class of a cone that nobody looked at: the tie goes to unknown."""

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from conegraph.backends.landmark_filter import LandmarkFilter
 from conegraph.backends.landmarks import LandmarkBook
 from conegraph.backends.motion import yaw_rate_bias_sigma
 from conegraph.config import Config, LandmarkConfig
-from conegraph.types import Array, ConeMap, ConeObservations, IntArray, SensorModel
-
-Mask = NDArray[np.bool_]
+from conegraph.types import (
+    Array,
+    ConeMap,
+    ConeObservations,
+    IntArray,
+    SensorModel,
+)
 
 TOGETHER_M = 2.5
 """Cones nearer than this are remembered as two when one frame shows both."""

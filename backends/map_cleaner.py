@@ -35,11 +35,11 @@ class MapCleaner:
 
     def clean(
         self, map_: LocalMap, missed: IntArray, laps: LapCounter
-    ) -> tuple[tuple[int, ...], tuple[tuple[int, int], ...]]:
+    ) -> tuple[tuple[int, int], ...]:
         """Delete cones that are not there, unite twins, find the start gate.
 
         Returns:
-            Ids deleted, and pairs of ids (kept, gone) united.
+            Pairs of ids (kept, gone) united.
         """
         book = map_.book
         assumed = self._config.landmarks.assumed_detection_probability
@@ -47,7 +47,6 @@ class MapCleaner:
         chance = assumed if reported is None else min(assumed, 0.65 * reported)
         book.miss(map_.row[missed], chance)
         doomed = missed[book.doomed()[map_.row[missed]]]
-        deleted = tuple(book.id[map_.row[doomed]].tolist())
         map_.remove(doomed)
         self._frames += 1
         merged: tuple[tuple[int, int], ...] = ()
@@ -56,7 +55,7 @@ class MapCleaner:
             if self._config.landmarks.merge_d2 > 0.0 and not known:
                 merged = map_.merge_twins()
             self._locate_gate(map_, laps)
-        return deleted, merged
+        return merged
 
     def _locate_gate(self, map_: LocalMap, laps: LapCounter) -> None:
         """Tell the lap counter where the start cones are: the big ones, if any."""

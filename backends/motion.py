@@ -82,15 +82,8 @@ def predict_midpoint(state: Array, dt_s: float, config: MotionConfig) -> Predict
     move_s = min(dt_s, config.max_step_s)
     heading = psi + 0.5 * r * move_s
     c, s = np.cos(heading), np.sin(heading)
-    new = state.copy()
-    new[0] += u * c * move_s
-    new[1] += u * s * move_s
-    new[2] = wrap_angle(psi + r * move_s)
-    F = np.eye(NV)
-    F[0, 2], F[1, 2] = -u * s * move_s, u * c * move_s
-    F[0, 3], F[1, 3] = c * move_s, s * move_s
+    new, F = _moved_along(state, c, s, move_s)
     F[0, 4], F[1, 4] = 0.5 * move_s * F[0, 2], 0.5 * move_s * F[1, 2]
-    F[2, 4] = move_s
     doubt_s = min(dt_s, LONGEST_DOUBT_S)
     half = 0.5 * doubt_s**2
     g_a = np.array([c * half, s * half, 0.0, doubt_s, 0.0, 0.0])
@@ -110,23 +103,32 @@ def predict_euler(state: Array, dt_s: float, config: MotionConfig) -> Prediction
     walks. The thesis leaves the diagonal Q open; here it is what the configured
     accelerations do to each state over the step.
     """
-    _, _, psi, u, r, _ = state
     move_s = min(dt_s, config.max_step_s)
-    c, s = np.cos(psi), np.sin(psi)
-    new = state.copy()
-    new[0] += u * c * move_s
-    new[1] += u * s * move_s
-    new[2] = wrap_angle(psi + r * move_s)
-    F = np.eye(NV)
-    F[0, 2], F[1, 2] = -u * s * move_s, u * c * move_s
-    F[0, 3], F[1, 3] = c * move_s, s * move_s
-    F[2, 4] = move_s
+    new, F = _moved_along(state, np.cos(state[2]), np.sin(state[2]), move_s)
     a, alpha = config.accel_sigma_mps2, config.yaw_accel_sigma_radps2
     doubt_s = min(dt_s, LONGEST_DOUBT_S)
     half = 0.5 * doubt_s**2
     sigma = np.array([a * half, a * half, alpha * half, a, alpha, 0.0])
     sigma[3:5] *= doubt_s
     return Prediction(new, F, np.diag(sigma**2))
+
+
+def _moved_along(state: Array, c: float, s: float, dt_s: float) -> tuple[Array, Array]:
+    """Move a state along a heading (cosine, sine) taken as given.
+
+    Returns the state (6,) and its Jacobian (6, 6), in which the heading depends on
+    psi but not on r.
+    """
+    _, _, psi, u, r, _ = state
+    new = state.copy()
+    new[0] += u * c * dt_s
+    new[1] += u * s * dt_s
+    new[2] = wrap_angle(psi + r * dt_s)
+    F = np.eye(NV)
+    F[0, 2], F[1, 2] = -u * s * dt_s, u * c * dt_s
+    F[0, 3], F[1, 3] = c * dt_s, s * dt_s
+    F[2, 4] = dt_s
+    return new, F
 
 
 def predict_with_odometry(

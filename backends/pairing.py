@@ -6,7 +6,6 @@ from collections import deque
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from conegraph.backends.association import associate
 from conegraph.backends.landmark_filter import PredictedCones
@@ -25,10 +24,9 @@ from conegraph.types import (
     Array,
     ConeObservations,
     IntArray,
+    Mask,
     SensorModel,
 )
-
-Mask = NDArray[np.bool_]
 
 KNOWN_AREA_M = 2.5
 """An observation nearer than this to a mapped cone lies where the map is known."""

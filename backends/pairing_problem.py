@@ -5,12 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from conegraph.backends.landmark_filter import PredictedCones
-from conegraph.types import Array, IntArray
-
-Mask = NDArray[np.bool_]
+from conegraph.types import Array, IntArray, Mask
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from conegraph.backends.pairing_problem import Mask, Problem
-from conegraph.types import Array, IntArray
+from conegraph.backends.pairing_problem import Problem
+from conegraph.types import Array, IntArray, Mask
 
 
 @dataclass(frozen=True, slots=True)

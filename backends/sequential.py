@@ -7,7 +7,6 @@ import numpy as np
 from conegraph.backends.clusters import CLUSTER_M, settle_clusters
 from conegraph.backends.pairing_problem import (
     ClusterVerdict,
-    Mask,
     Pairing,
     Problem,
     largest_sigma,
@@ -15,7 +14,7 @@ from conegraph.backends.pairing_problem import (
 )
 from conegraph.backends.pairing_state import PairingState, accept
 from conegraph.config import AssociationConfig
-from conegraph.types import Array, IntArray
+from conegraph.types import Array, IntArray, Mask
 
 CONSTELLATION = 4
 """Cones that must fit together before loosely known ones are recognised."""

@@ -29,7 +29,6 @@ from conegraph.backends.map_cleaner import MapCleaner
 from conegraph.backends.motion import OdometryIncrement
 from conegraph.backends.pairing import (
     FramePairer,
-    Mask,
     Pairs,
 )
 from conegraph.backends.sensor_noise import effective_sensor, transport_covariance
@@ -42,6 +41,7 @@ from conegraph.types import (
     ConeObservations,
     Estimate,
     IntArray,
+    Mask,
     MatchStatus,
     SensorModel,
     VelocityObservation,
@@ -68,7 +68,6 @@ class TrackedFrame:
 
     Attributes:
         stamp_s: the frame's stamp.
-        dt_s: time since the frame before, 0 for the first.
         increment: odometry since the frame before, None if there was none.
         state: (6,) the car after the frame.
         landmark_id: (k,) cones seen, matched or new.
@@ -78,11 +77,9 @@ class TrackedFrame:
             vague: the pair was tested as part of a constellation.
         closure: whether these close a loop.
         merged: pairs (kept, gone) of cones found to be one.
-        deleted: ids of cones found not to exist.
     """
 
     stamp_s: float
-    dt_s: float
     increment: OdometryIncrement | None
     state: Array
     landmark_id: IntArray
@@ -91,7 +88,6 @@ class TrackedFrame:
     vague: Mask
     closure: bool
     merged: tuple[tuple[int, int], ...]
-    deleted: tuple[int, ...]
 
 
 class Tracker:
@@ -162,7 +158,7 @@ class Tracker:
         ticks.append(time.perf_counter())
         seen = self._settle(accepted, pairs, dt_s)
         ticks.append(time.perf_counter())
-        result = self._keep_map(accepted, pairs, seen, closure.accepted, dt_s)
+        result = self._keep_map(accepted, pairs, seen, closure.accepted)
         lap = self.laps.advance(accepted.stamp_s, self.map.filter.vehicle, moved_m)
         ticks.append(time.perf_counter())
         self._health.frame(accepted.stamp_s, int(pairs.matched.sum()), pairs.n_known)
@@ -191,7 +187,7 @@ class Tracker:
 
     def cone_map(self) -> ConeMap:
         """Return the confirmed cones; when only localising, the map that was given."""
-        return self._fixed_map or self.map.publish()
+        return self.map.publish() if self._fixed_map is None else self._fixed_map
 
     def estimate(self) -> Estimate:
         """Return the estimate at the newest stamp asked for or observed."""
@@ -274,7 +270,6 @@ class Tracker:
         pairs: Pairs,
         seen: Innovation,
         closure: bool,
-        dt_s: float,
     ) -> Associations:
         """Record sightings, births, misses and twins; describe the frame."""
         map_, book, driven_m = self.map, self.map.book, self.laps.driven_m
@@ -302,10 +297,9 @@ class Tracker:
         sure = has_id & ~pairs.cluster.soft
         noise = self._noise_of(frame, np.where(sure, slot, -1))
         state = map_.filter.vehicle
-        deleted, merged = self._cleaner.clean(map_, missed, self.laps)
+        merged = self._cleaner.clean(map_, missed, self.laps)
         self.tracked = TrackedFrame(
             frame.stamp_s,
-            dt_s,
             self.motion.increment,
             state,
             ids[sure],
@@ -314,7 +308,6 @@ class Tracker:
             pairs.vague[sure],
             closure,
             merged,
-            deleted,
         )
         self.last_frame, self.last_ids = frame, ids
         d2 = np.where(np.isfinite(pairs.d2), pairs.d2, np.nan)

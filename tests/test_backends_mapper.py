@@ -61,7 +61,6 @@ def frame(
     n = len(index)
     return TrackedFrame(
         stamp_s=0.1 * k,
-        dt_s=0.1 if k else 0.0,
         increment=increment,
         state=np.array([*(poses[k] if guess is None else guess), 5.0, 0.1, 0.0]),
         landmark_id=index,
@@ -70,7 +69,6 @@ def frame(
         vague=np.zeros(n, dtype=bool),
         closure=closure,
         merged=merged,
-        deleted=(),
     )
 
 
