@@ -13,7 +13,7 @@ from typing import Annotated
 
 import typer
 
-from conegraph.cli import config
+from conegraph.cli import bench, config
 from conegraph.cli.compare import compare
 from conegraph.cli.demo import demo
 from conegraph.cli.run import run
@@ -34,6 +34,7 @@ app.command("run")(run)
 app.command("compare")(compare)
 app.command("simulate")(simulate)
 app.command("view")(view)
+app.add_typer(bench.app, name="bench")
 app.add_typer(config.app, name="config")
 
 

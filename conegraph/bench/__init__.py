@@ -1,0 +1,1 @@
+"""The benchmarks: many runs against known truth, and the verdict they give."""
