@@ -9,7 +9,8 @@ import numpy as np
 
 from conegraph.backends.mapper import Mapper
 from conegraph.backends.snapshot import take_snapshot
-from conegraph.backends.tracker import TrackedFrame, Tracker
+from conegraph.backends.tracked_frame import TrackedFrame
+from conegraph.backends.tracker import Tracker
 from conegraph.config import Config, Isam2Config
 from conegraph.types import (
     Associations,

@@ -29,7 +29,7 @@ from conegraph.backends.factors import (
     velocity_prior,
 )
 from conegraph.backends.motion import NV, OdometryIncrement, yaw_rate_bias_sigma
-from conegraph.backends.tracker import TrackedFrame
+from conegraph.backends.tracked_frame import TrackedFrame
 from conegraph.config import Isam2Config, MotionConfig
 from conegraph.geometry import to_child, to_parent
 from conegraph.types import Array, ConeMap, Trajectory

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -26,12 +26,12 @@ from conegraph.backends.landmark_filter import Innovation
 from conegraph.backends.laps import LapCounter
 from conegraph.backends.local_map import TOGETHER_M, LocalMap
 from conegraph.backends.map_cleaner import MapCleaner
-from conegraph.backends.motion import OdometryIncrement
 from conegraph.backends.pairing import (
     FramePairer,
     Pairs,
 )
 from conegraph.backends.sensor_noise import effective_sensor, transport_covariance
+from conegraph.backends.tracked_frame import TrackedFrame
 from conegraph.backends.velocity import cone_velocity
 from conegraph.config import Config
 from conegraph.types import (
@@ -41,7 +41,6 @@ from conegraph.types import (
     ConeObservations,
     Estimate,
     IntArray,
-    Mask,
     MatchStatus,
     SensorModel,
     VelocityObservation,
@@ -60,34 +59,6 @@ RETURN_M = 5.0
 
 SURPRISE = 8.0
 """Factor on the process noise that a jointly improbable frame adds."""
-
-
-@dataclass(frozen=True, slots=True)
-class TrackedFrame:
-    """One frame as the tracker settled it: what a mapper needs to know.
-
-    Attributes:
-        stamp_s: the frame's stamp.
-        increment: odometry since the frame before, None if there was none.
-        state: (6,) the car after the frame.
-        landmark_id: (k,) cones seen, matched or new.
-        xy_m: (k, 2) where they were seen, car frame.
-        cov_m2: (k, 2, 2) sensor noise, at the predicted range.
-        vague: (k,) whether the cone was found again after its place had become
-            vague: the pair was tested as part of a constellation.
-        closure: whether these close a loop.
-        merged: pairs (kept, gone) of cones found to be one.
-    """
-
-    stamp_s: float
-    increment: OdometryIncrement | None
-    state: Array
-    landmark_id: IntArray
-    xy_m: Array
-    cov_m2: Array
-    vague: Mask
-    closure: bool
-    merged: tuple[tuple[int, int], ...]
 
 
 class Tracker:
@@ -296,18 +267,24 @@ class Tracker:
         # A pair that may be wrong corrects the filter; the graph would keep it.
         sure = has_id & ~pairs.cluster.soft
         noise = self._noise_of(frame, np.where(sure, slot, -1))
-        state = map_.filter.vehicle
+        state, speed_cov = map_.filter.vehicle, map_.filter.vehicle_cov[3:5, 3:5]
+        known = book.id
         merged = self._cleaner.clean(map_, missed, self.laps)
+        lost = np.setdiff1d(known, book.id, assume_unique=True)
+        deleted = set(lost.tolist()) - {gone for _, gone in merged}
         self.tracked = TrackedFrame(
             frame.stamp_s,
             self.motion.increment,
             state,
+            speed_cov,
             ids[sure],
+            np.flatnonzero(sure).astype(np.int64),
             frame.xy_m[sure],
             noise + pairs.cluster.spread_m2[sure],
             pairs.vague[sure],
             closure,
             merged,
+            tuple(sorted(deleted)),
         )
         self.last_frame, self.last_ids = frame, ids
         d2 = np.where(np.isfinite(pairs.d2), pairs.d2, np.nan)

@@ -11,7 +11,7 @@ import pytest
 from conegraph.backends.mapper import CLOSURE_D2, Mapper
 from conegraph.backends.motion import OdometryIncrement
 from conegraph.backends.snapshot import PINNED, take_snapshot
-from conegraph.backends.tracker import TrackedFrame
+from conegraph.backends.tracked_frame import TrackedFrame
 from conegraph.config import Isam2Config, MotionConfig
 from conegraph.geometry import between, compose, constant_twist, rotation, to_child
 from conegraph.types import Array, ConeMap, IntArray, Trajectory
@@ -63,7 +63,9 @@ def frame(
         stamp_s=0.1 * k,
         increment=increment,
         state=np.array([*(poses[k] if guess is None else guess), 5.0, 0.1, 0.0]),
+        speed_cov=np.zeros((2, 2)),
         landmark_id=index,
+        row=np.arange(n),
         xy_m=to_child(poses[k], CONES[index % len(CONES)]) if seen is None else seen,
         cov_m2=np.tile(SIGMA_M**2 * np.eye(2), (n, 1, 1)),
         vague=np.zeros(n, dtype=bool),
