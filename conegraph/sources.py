@@ -34,12 +34,20 @@ class SimOptions:
         seed: seed of everything random.
         sensor: ``camera`` or ``lidar``.
         odometry: whether wheels and gyro are recorded too.
+        wrong_colour: share of detections that are given another colour.
+        unknown_colour: share of detections whose class is taken away.
+        missed: share of detections that are left out.
+        false_cones: false detections added for each one that there was.
     """
 
     laps: int = 2
     seed: int = 0
     sensor: str = "camera"
     odometry: bool = True
+    wrong_colour: float = 0.0
+    unknown_colour: float = 0.0
+    missed: float = 0.0
+    false_cones: float = 0.0
 
 
 def open_source(text: str, *, seed: int = 0) -> Source:
@@ -48,7 +56,8 @@ def open_source(text: str, *, seed: int = 0) -> Source:
     Args:
         text: a folder with a cone log, ``mrclam:FOLDER/RobotN``,
             ``victoria-park[:FILE]`` or
-            ``sim:TRACK[?laps=N&seed=N&sensor=camera|lidar&odometry=on|off]``.
+            ``sim:TRACK[?laps=N&seed=N&sensor=camera|lidar&odometry=on|off]``, which
+            also takes the shares that `SimOptions` names, as in ``missed=0.1``.
         seed: seed of a simulated source that names none.
 
     Raises:
@@ -73,7 +82,8 @@ def open_source(text: str, *, seed: int = 0) -> Source:
 def simulate_track(track: str, options: SimOptions) -> Recording:
     """Drive a track, given as a file or by a built-in name, in the simulator.
 
-    The truth is in the frame of the car at its start, the world of the estimates.
+    ``random`` is made from the options' seed, ``random:7`` always from seed 7. The
+    truth is in the frame of the car at its start, the world of the estimates.
 
     Raises:
         SourceError: neither a file nor a built-in name.
@@ -81,6 +91,7 @@ def simulate_track(track: str, options: SimOptions) -> Recording:
     """
     from conegraph.sim.cone_sensor import CAMERA, LIDAR
     from conegraph.sim.drive import simulate
+    from conegraph.sim.faults import StreamFaults
     from conegraph.sim.odometry import OdometrySensor
 
     return simulate(
@@ -89,6 +100,12 @@ def simulate_track(track: str, options: SimOptions) -> Recording:
         seed=options.seed,
         sensor=LIDAR if options.sensor == "lidar" else CAMERA,
         odometry=OdometrySensor() if options.odometry else None,
+        faults=StreamFaults(
+            options.wrong_colour,
+            options.unknown_colour,
+            options.missed,
+            options.false_cones,
+        ),
         origin="start",
     )
 
@@ -113,13 +130,33 @@ def parse_sim_query(query: str, *, seed: int = 0) -> SimOptions:
             case "odometry":
                 _one_of(item, value, ("on", "off"))
                 options = replace(options, odometry=value == "on")
+            case "wrong_colour":
+                options = replace(options, wrong_colour=_share(item, value))
+            case "unknown_colour":
+                options = replace(options, unknown_colour=_share(item, value))
+            case "missed":
+                options = replace(options, missed=_share(item, value))
+            case "false_cones":
+                options = replace(options, false_cones=_share(item, value))
             case _:
                 keys = tuple(SimOptions.__dataclass_fields__)
                 raise SourceError(
                     f"sim: has no key {key!r}{_hint(key, keys)} "
                     f"(it has {', '.join(keys)})"
                 )
+    if options.wrong_colour + options.unknown_colour > 1.0:
+        raise SourceError("sim: wrong_colour and unknown_colour add up to more than 1")
     return options
+
+
+def _share(item: str, value: str) -> float:
+    try:
+        share = float(value)
+    except ValueError:
+        share = -1.0
+    if not 0.0 <= share <= 1.0:
+        raise SourceError(f"sim: {item!r}: expected a share, 0 to 1")
+    return share
 
 
 def _whole(item: str, value: str, low: int, high: int) -> int:
@@ -139,6 +176,10 @@ def _layout(track: str, seed: int) -> TrackLayout:
 
     if track in BUILT_IN_TRACKS:
         return built_in_track(track, seed)
+    shape, _, number = track.partition(":")
+    if shape == "random" and number.isascii() and number.isdigit():
+        course = built_in_track(shape, int(number))
+        return replace(course, name=f"random-{number}")
     path = Path(track)
     if track and path.is_file():
         return read_track(path)

@@ -39,7 +39,7 @@ def test_a_sim_query_sets_what_it_names() -> None:
     ("query", "message"),
     [
         ("lap=3", "sim: has no key 'lap'; did you mean laps?"),
-        ("noise=3", "sim: has no key 'noise' (it has laps, seed, sensor, odometry)"),
+        ("noise=3", "sim: has no key 'noise' (it has laps, seed, sensor, odometry, "),
         ("laps=0", "sim: 'laps=0': expected a whole number, 1 to 1000"),
         ("laps=1e9", "sim: 'laps=1e9': expected a whole number, 1 to 1000"),
         ("laps", "sim: 'laps': expected a whole number, 1 to 1000"),

@@ -217,6 +217,21 @@ def _false(
     return frame, _cartesian(distance, bearing), named
 
 
+def false_detections(
+    sensor: ConeSensor, stamp_s: Array, rng: np.random.Generator
+) -> list[ConeObservations]:
+    """Return only what the sensor reports where no cone is, a frame for each stamp."""
+    frame, xy, named = _false(sensor, len(stamp_s), rng)
+    return _frames(sensor, stamp_s, frame, xy, named, np.full(len(frame), -1))
+
+
+def class_rows(named: IntArray, certainty: float) -> Array:
+    """Return class probabilities (N, 5) with the certainty on the named class (N,)."""
+    prob = np.full((len(named), N_CLASSES), (1 - certainty) / (N_CLASSES - 1))
+    prob[np.arange(len(named)), named] = certainty
+    return prob
+
+
 def _frames(
     sensor: ConeSensor,
     stamp_s: Array,
@@ -227,8 +242,7 @@ def _frames(
 ) -> list[ConeObservations]:
     """Cut rows that are sorted by frame into frames."""
     cov = sensor.model.covariance(xy)
-    prob = np.full((len(xy), N_CLASSES), (1 - sensor.certainty) / (N_CLASSES - 1))
-    prob[np.arange(len(xy)), named] = sensor.certainty
+    prob = class_rows(named, sensor.certainty)
     cuts = np.searchsorted(frame, np.arange(len(stamp_s) + 1))
     return [
         ConeObservations(stamp, xy[a:b], cov[a:b], prob[a:b], ids[a:b])

@@ -9,6 +9,7 @@ import numpy as np
 from conegraph.geometry import between, to_child
 from conegraph.sim.cone_sensor import CAMERA, ConeSensor, sense
 from conegraph.sim.driving_line import closes, driving_line, start_line_at
+from conegraph.sim.faults import StreamFaults, with_faults
 from conegraph.sim.odometry import OdometrySensor, read_odometry
 from conegraph.sim.vehicle import Motion, VehicleModel, drive_line
 from conegraph.types import (
@@ -31,14 +32,15 @@ def simulate(
     sensor: ConeSensor = CAMERA,
     vehicle: VehicleModel | None = None,
     odometry: OdometrySensor | None = None,
+    faults: StreamFaults | None = None,
     origin: Literal["track", "start"] = "track",
 ) -> Recording:
     """Drive a track and record what the car's sensors report.
 
     The car stands for a moment, drives the line of `driving_line` from there for
     the given laps and 2 s on, or an open track to its end and a stop. Path, cone
-    sensor and odometry draw from generators of their own, so that leaving one out
-    changes nothing in the others.
+    sensor, odometry and faults draw from generators of their own, so that leaving
+    one out changes nothing in the others.
 
     Args:
         layout: the track.
@@ -47,6 +49,7 @@ def simulate(
         sensor: the cone detector.
         vehicle: the car, `VehicleModel` by default.
         odometry: wheel speed and gyro, None without them.
+        faults: what goes wrong with the cones on top, None for nothing.
         origin: frame of the truth: the track's own, or the car's at its start.
 
     Returns:
@@ -58,8 +61,8 @@ def simulate(
         SourceError: no lane can be made out.
     """
     line = driving_line(layout)
-    paths, cones, wheels = map(
-        np.random.default_rng, np.random.SeedSequence(seed).spawn(3)
+    paths, cones, wheels, mishaps = map(
+        np.random.default_rng, np.random.SeedSequence(seed).spawn(4)
     )
     motion = drive_line(
         line,
@@ -77,6 +80,8 @@ def simulate(
         samples = read_odometry(odometry, read_at, motion.velocity(read_at), wheels)
         arrivals += [(v.stamp_s + odometry.delay_s, v) for v in samples]
     frames = sense(sensor, stamps, motion.pose(stamps), truth, cones)
+    if faults is not None:
+        frames = with_faults(frames, faults, sensor, mishaps)
     arrivals += [(f.stamp_s + sensor.delay_s, f) for f in frames]
     arrivals.sort(key=lambda item: item[0])
     trajectory, truth = _seen_from(origin, _trajectory(motion, stamps), truth)
