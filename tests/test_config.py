@@ -1,6 +1,7 @@
 """TOML in, frozen values out, and errors that say which key to mend."""
 
 import json
+import re
 import tomllib
 from pathlib import Path
 from typing import Any, get_args
@@ -13,6 +14,8 @@ from pydantic import BaseModel
 from conegraph.config import (
     Config,
     EkfConfig,
+    HsvConfig,
+    HsvThesisConfig,
     Isam2Config,
     config_to_toml,
     load_config,
@@ -22,7 +25,10 @@ from conegraph.config import (
 from conegraph.config.explain import key_paths, nearest_key
 from conegraph.errors import ConfigError
 
-BACKENDS = [EkfConfig, Isam2Config]
+CHOICES: dict[str, list[type[BaseModel]]] = {
+    "backend": [EkfConfig, Isam2Config],
+    "detector": [HsvConfig, HsvThesisConfig],
+}
 positive = st.floats(1e-9, 1e9)
 
 
@@ -33,8 +39,7 @@ def mutate(model: BaseModel) -> st.SearchStrategy[dict[str, Any]]:
         default = getattr(model, name)
         options = [o for o in get_args(field.annotation) if isinstance(o, str)]
         if isinstance(default, BaseModel):
-            backend = name == "backend"
-            models = [b() for b in BACKENDS] if backend else [default]
+            models = [b() for b in CHOICES.get(name, [type(default)])]
             choices[name] = st.one_of([mutate(m) for m in models])
         elif options:
             choices[name] = st.sampled_from(options)
@@ -44,11 +49,14 @@ def mutate(model: BaseModel) -> st.SearchStrategy[dict[str, Any]]:
             choices[name] = st.integers(1, 10)
         elif isinstance(default, str):
             choices[name] = st.text()
+        elif isinstance(default, tuple):
+            choices[name] = st.just(default)
         elif name == "range_sigma_m":
             choices[name] = st.tuples(positive, positive, positive)
         else:
             choices[name] = st.floats(1e-9, 0.9)
-    required = {"kind": choices.pop("kind")} if "kind" in choices else {}
+    tags = [name for name in ("kind", "profile") if name in choices]
+    required = {name: choices.pop(name) for name in tags}
     return st.fixed_dictionaries(required, optional=choices)
 
 
@@ -221,3 +229,26 @@ def test_resolving_leaves_the_given_tree_alone() -> None:
     with pytest.raises(ConfigError):
         resolve_config(tree)
     assert tree == {"backend": {"polish": True}}
+
+
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        ("detector.profile=best", "detector.kind: 'hsv/best' is none of hsv, hsv/the"),
+        ("detector.kind=net", "detector.kind: 'net' is none of hsv"),
+        ("detector.colour_radius=3", "colour_radius belongs to hsv/thesis, not to hsv"),
+        ("detector.min_pixel=3", "did you mean detector.min_pixels?"),
+        ("detector=3", "detector is a section of keys"),
+        ("detector.blue_hue=[90, 200]", "detector.blue_hue.1: Input should be less"),
+    ],
+)
+def test_a_wrong_detector_key_is_named(override: str, said: str) -> None:
+    with pytest.raises(ConfigError, match=re.escape(said)):
+        load_config(None, [override])
+
+
+def test_each_detector_profile_has_its_own_keys() -> None:
+    thesis = load_config(None, ["detector.profile=thesis", "detector.median_px=3"])
+    assert isinstance(thesis.detector, HsvThesisConfig)
+    assert thesis.detector.median_px == 3
+    assert isinstance(load_config().detector, HsvConfig)

@@ -1,5 +1,13 @@
 """Configuration: TOML in, frozen validated values out."""
 
+from conegraph.config.detector import (
+    ColourRange,
+    DetectorConfig,
+    GroundConfig,
+    HsvConfig,
+    HsvThesisConfig,
+    LocalizationConfig,
+)
 from conegraph.config.loading import (
     config_to_toml,
     load_config,
@@ -24,11 +32,17 @@ from conegraph.config.models import (
 __all__ = [
     "AssociationConfig",
     "BackendConfig",
+    "ColourRange",
     "Config",
+    "DetectorConfig",
     "EkfConfig",
     "GateConfig",
+    "GroundConfig",
+    "HsvConfig",
+    "HsvThesisConfig",
     "Isam2Config",
     "LandmarkConfig",
+    "LocalizationConfig",
     "MotionConfig",
     "SensorConfig",
     "StartLineConfig",

@@ -7,8 +7,12 @@ from difflib import SequenceMatcher
 
 from pydantic import ValidationError
 
-from conegraph.config.models import BACKENDS, Config, Section
+from conegraph.config.detector import DETECTORS
+from conegraph.config.models import BACKENDS, Config
+from conegraph.config.section import Section
 
+_CHOICES = {"backend": BACKENDS, "detector": DETECTORS}
+"""The sections that are a choice of several, by their tags."""
 _SECTION_WEIGHT = 0.25
 _SHOWN = 80
 
@@ -17,21 +21,22 @@ def explain(error: ValidationError) -> str:
     """Return the first problem as ``dotted.key: what is wrong``.
 
     An unknown key comes with the nearest valid key of the whole schema, and a key
-    that another back end has is named as that one's.
+    that another back end or detector has is named as that one's.
     """
     first = error.errors(include_url=False)[0]
     path = [str(part) for part in first["loc"]]
     # Pydantic puts the union's tag into the path; no file has it there.
-    tagged = path[0] == "backend" and len(path) > 1 and path[1] in BACKENDS
+    choices = _CHOICES.get(path[0], {})
+    tagged = len(path) > 1 and path[1] in choices
     kind = path.pop(1) if tagged else None
     value = first["input"]
     if first["type"] == "extra_forbidden":
         return _explain_unknown_key(path, value, kind)
     if first["type"] == "union_tag_invalid":
-        found = value["kind"]
-        return f"backend.kind: {found!r} is none of {', '.join(BACKENDS)}"
+        found = first["ctx"]["tag"]
+        return f"{path[0]}.kind: {found!r} is none of {', '.join(choices)}"
     dotted = ".".join(path)
-    if first["type"].startswith("model_") or dotted == "backend":
+    if first["type"].startswith("model_") or dotted in _CHOICES:
         return f"{dotted} is a section of keys, not a value (got {_short(value)})"
     return f"{dotted}: {first['msg']} (got {_short(value)})"
 
@@ -64,7 +69,8 @@ def _explain_unknown_key(path: list[str], value: object, kind: str | None) -> st
         path = [*path, str(key)]
     dotted = ".".join(path)
     if kind is not None and len(path) == 2:
-        owners = [k for k, model in BACKENDS.items() if path[1] in model.model_fields]
+        choices = _CHOICES[path[0]].items()
+        owners = [k for k, model in choices if path[1] in model.model_fields]
         if owners:
             return f"{dotted} belongs to {', '.join(owners)}, not to {kind}"
     return f"{dotted}: no such key; did you mean {nearest_key(dotted)}?"
@@ -73,8 +79,8 @@ def _explain_unknown_key(path: list[str], value: object, kind: str | None) -> st
 def _walk(model: type[Section], prefix: str) -> Iterator[tuple[str, str]]:
     for name, field in model.model_fields.items():
         key = f"{prefix}{name}"
-        if name == "backend" and not prefix:
-            for section in BACKENDS.values():
+        if name in _CHOICES and not prefix:
+            for section in _CHOICES[name].values():
                 yield from _walk(section, f"{key}.")
         elif isinstance(field.default, Section):
             yield from _walk(type(field.default), f"{key}.")

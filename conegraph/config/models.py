@@ -4,28 +4,26 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Probability = Annotated[float, Field(ge=0, lt=1)]
+from conegraph.config.detector import (
+    DetectorConfig,
+    GroundConfig,
+    HsvConfig,
+    LocalizationConfig,
+)
+from conegraph.config.section import (
+    NonNegative,
+    Positive,
+    Probability,
+    Profile,
+    Section,
+)
+
 Coefficients = Annotated[
     tuple[NonNegative, NonNegative, NonNegative], Field(strict=False)
 ]
-Profile = Literal["default", "thesis"]
 Role = Literal["left", "right", "start", "none"]
-
-
-class Section(BaseModel):
-    """A group of keys; unknown keys and wrong types are errors, values are frozen."""
-
-    model_config = ConfigDict(
-        extra="forbid",
-        frozen=True,
-        strict=True,
-        allow_inf_nan=False,
-        use_attribute_docstrings=True,
-    )
 
 
 class EkfConfig(Section):
@@ -56,6 +54,11 @@ class Isam2Config(Section):
     """Where the kernel starts to bend, in sigmas."""
     snapshot_margin_m: Positive = 10.0
     """Cones farther than the sensor's range plus this stay out of the local filter."""
+    bounded: bool = True
+    """Sum old poses up in one factor once a loop has closed; False keeps them all."""
+    mapping: Literal["inline", "process"] = "inline"
+    """`inline` solves the graph between two frames: the same bytes every time;
+    `process` solves it beside them, so that no frame waits: for live cameras."""
     polish: bool = True
     """Solve the whole graph to convergence at the end of the run."""
 
@@ -67,9 +70,12 @@ BACKENDS: dict[str, type[Section]] = {"ekf": EkfConfig, "isam2": Isam2Config}
 class AssociationConfig(Section):
     """Which observation belongs to which cone; shared by all back ends."""
 
-    method: Literal["sequential", "nearest", "known"] = "sequential"
-    """`sequential` conditions each pairing on the ones before it, `nearest` is the
-    thesis's section 4.4.3, `known` trusts the source's true ids."""
+    method: Literal["sequential", "one_to_one", "jcbb", "nearest", "known"] = (
+        "sequential"
+    )
+    """`sequential` conditions each pairing on the ones before it, `one_to_one` takes
+    the likeliest assignment of a frame, `jcbb` its largest jointly compatible one,
+    `nearest` is the thesis's section 4.4.3, `known` trusts the source's true ids."""
     gate_d2: Positive = 13.8
     """Largest squared Mahalanobis distance of a match; 13.8 is 0.999 of chi² at 2."""
     no_birth_d2: Positive = 25.0
@@ -210,6 +216,9 @@ class StatusConfig(Section):
     """Share of recent cones that must match for the status to be OK."""
     init_frames: Annotated[int, Field(ge=0)] = 3
     """Frames with matched cones before the status is OK."""
+    overconfident_ratio: Annotated[float, Field(ge=1, allow_inf_nan=False)] = 1.25
+    """Innovations over 5 s with a mean NIS per degree of freedom above this, and
+    above chance, are reported as overconfident."""
 
 
 class ViewerConfig(Section):
@@ -251,6 +260,12 @@ class Config(Section):
     """Life of cones."""
     start_line: StartLineConfig = StartLineConfig()
     """Start line and laps."""
+    detector: DetectorConfig = HsvConfig()
+    """What finds cones in pictures."""
+    ground: GroundConfig = GroundConfig()
+    """The ground plane under the camera."""
+    localization: LocalizationConfig = LocalizationConfig()
+    """Where a detection is on the ground."""
     sensor: SensorConfig = SensorConfig()
     """Cone sensor."""
     gate: GateConfig = GateConfig()
