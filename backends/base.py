@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 from conegraph.types import (
     Associations,
     ConeMap,
     ConeObservations,
+    Consistency,
     Estimate,
     Lap,
     LoopClosure,
@@ -27,12 +28,14 @@ class FrameEvents:
         laps: laps completed.
         reason: why the status is what it is.
         stage_ms: time spent by stage.
+        consistency: what the innovations of the last seconds say.
     """
 
     closures: tuple[LoopClosure, ...] = ()
     laps: tuple[Lap, ...] = ()
     reason: str = ""
     stage_ms: Mapping[str, float] | None = None
+    consistency: Consistency = field(default_factory=Consistency)
 
 
 class Backend(Protocol):

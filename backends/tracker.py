@@ -20,6 +20,7 @@ from conegraph.backends.closure import (
     ClosureWatch,
     forced_start_pairs,
 )
+from conegraph.backends.consistency import WINDOW_S, ConsistencyMonitor
 from conegraph.backends.gate import InputGate
 from conegraph.backends.health import HealthMonitor
 from conegraph.backends.landmark_filter import Innovation
@@ -39,6 +40,7 @@ from conegraph.types import (
     Associations,
     ConeMap,
     ConeObservations,
+    Consistency,
     Estimate,
     IntArray,
     MatchStatus,
@@ -88,6 +90,7 @@ class Tracker:
         self._cleaner = MapCleaner(config, self.sensor, self._pairer)
         self._closures = ClosureWatch(config.start_line, self._pairer)
         self._health = HealthMonitor(config.status)
+        self._consistency = ConsistencyMonitor(config.status)
         self._asked_s = -np.inf
         self.last_frame: ConeObservations | None = None
         self.last_ids: IntArray = np.zeros(0, dtype=np.int64)
@@ -134,13 +137,23 @@ class Tracker:
         ticks.append(time.perf_counter())
         self._health.frame(accepted.stamp_s, int(pairs.matched.sum()), pairs.n_known)
         stages = ("predict", "associate", "update", "manage")
+        consistency = self._consistency.frame(accepted.stamp_s, seen.nis, seen.dof)
         self.last_events = FrameEvents(
             closure.events,
             () if lap is None else (lap,),
-            self._health.judge(accepted.stamp_s, self.motion.queue.newest_s)[1],
+            self._reason(accepted.stamp_s, consistency),
             dict(zip(stages, (1e3 * np.diff(ticks)).tolist(), strict=True)),
+            consistency,
         )
         return result
+
+    def _reason(self, stamp_s: float, consistency: Consistency) -> str:
+        """Say why the status is what it is, and what else is wrong."""
+        reason = self._health.judge(stamp_s, self.motion.queue.newest_s)[1]
+        if not consistency.overconfident:
+            return reason
+        ratio = f"NIS/dof {consistency.nis_per_dof:.1f} over {WINDOW_S:g} s"
+        return "; ".join(filter(None, (reason, f"overconfident: {ratio}")))
 
     def _pair(self, frame: ConeObservations) -> tuple[Pairs, ClosureResult]:
         """Associate a frame; a loop closure corrects the filter on the way."""

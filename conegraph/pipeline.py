@@ -35,6 +35,48 @@ CHECKPOINT_S = 5.0
 
 
 @dataclass(slots=True)
+class ConsistencyLog:
+    """What the innovations of a run said about its noise.
+
+    Attributes:
+        nis: sum over all frames.
+        dof: its degrees of freedom.
+        overconfident_frames: frames that ended an overconfident window.
+        warnings: how often the run became overconfident.
+        worst: the greatest NIS / dof of such a window, NaN without any.
+    """
+
+    nis: float = 0.0
+    dof: int = 0
+    overconfident_frames: int = 0
+    warnings: int = 0
+    worst: float = float("nan")
+    _warned: bool = False
+
+    def add(self, record: FrameRecord) -> None:
+        """Count one frame."""
+        made, now = record.associations, record.consistency
+        if made.nis_dof > 0:
+            self.nis += made.nis
+            self.dof += made.nis_dof
+        self.warnings += now.overconfident and not self._warned
+        self._warned = now.overconfident
+        if now.overconfident:
+            self.overconfident_frames += 1
+            self.worst = float(np.fmax(self.worst, now.nis_per_dof))
+
+    def summary(self) -> dict[str, Any]:
+        """Return what ``summary.json`` says of it."""
+        return {
+            "nis_per_dof": self.nis / self.dof if self.dof else float("nan"),
+            "dof": self.dof,
+            "overconfident_warnings": self.warnings,
+            "overconfident_frames": self.overconfident_frames,
+            "overconfident_worst": self.worst,
+        }
+
+
+@dataclass(slots=True)
 class RunLog:
     """What a run adds up on its way.
 
@@ -43,6 +85,7 @@ class RunLog:
         laps: completed laps.
         closures: loop closures tried.
         stage_ms: time by stage, one entry a frame that had it.
+        consistency: what the innovations said.
         truth_ids: true ids of all accepted observations, None once one is missing.
     """
 
@@ -50,6 +93,7 @@ class RunLog:
     laps: list[Lap] = field(default_factory=list)
     closures: list[LoopClosure] = field(default_factory=list)
     stage_ms: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
+    consistency: ConsistencyLog = field(default_factory=ConsistencyLog)
     truth_ids: list[IntArray] | None = field(default_factory=list)
 
     def add(self, record: FrameRecord) -> None:
@@ -57,6 +101,7 @@ class RunLog:
         self.frames += 1
         self.laps += record.laps
         self.closures += record.closures
+        self.consistency.add(record)
         for stage, ms in record.stage_ms.items():
             self.stage_ms[stage].append(ms)
         ids = record.observations.truth_id
@@ -180,6 +225,7 @@ class Pipeline:
             events.closures,
             events.laps,
             stages,
+            events.consistency,
         )
 
     def _summary(self, log: RunLog, wall_s: float) -> dict[str, Any]:
@@ -203,6 +249,7 @@ class Pipeline:
                 for c in log.closures
             ],
             "rejected": dict(sorted(rejected.items())),
+            "consistency": log.consistency.summary(),
             "latency_ms": {k: _percentiles(v) for k, v in log.stage_ms.items()},
             "wall_s": wall_s,
             "peak_memory_mb": _peak_memory_mb(),

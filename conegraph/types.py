@@ -470,6 +470,22 @@ class Lap:
 
 
 @dataclass(frozen=True, slots=True)
+class Consistency:
+    """What the innovations of the last seconds say about the noise assumed.
+
+    Attributes:
+        nis_per_dof: their NIS over their degrees of freedom, about 1 where the noise
+            is as assumed; NaN without any.
+        limit: the value above which chance and small faults do not explain it.
+        overconfident: whether it is above.
+    """
+
+    nis_per_dof: float = float("nan")
+    limit: float = float("nan")
+    overconfident: bool = False
+
+
+@dataclass(frozen=True, slots=True)
 class FrameRecord:
     """Everything that is written down about one cone frame.
 
@@ -481,6 +497,7 @@ class FrameRecord:
         closures: loop closures tried in this frame.
         laps: laps completed in this frame.
         stage_ms: time spent by stage, in ms; the key ``frame`` is the whole.
+        consistency: what the innovations of the last seconds say.
     """
 
     observations: ConeObservations
@@ -490,3 +507,4 @@ class FrameRecord:
     closures: tuple[LoopClosure, ...] = ()
     laps: tuple[Lap, ...] = ()
     stage_ms: Mapping[str, float] = field(default_factory=dict)
+    consistency: Consistency = field(default_factory=Consistency)

@@ -13,7 +13,9 @@ from conegraph.cli import main
 RUN_FILES = {
     "associations.csv",
     "config.toml",
+    "consistency.csv",
     "map.csv",
+    "pose_cov.csv",
     "status.csv",
     "summary.json",
     "timing.csv",

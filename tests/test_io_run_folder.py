@@ -29,6 +29,7 @@ from conegraph.types import (
 
 FULL = Path("/dev/full")
 NAN = float("nan")
+POSE_COV = np.array([[4.0, 0.5, -0.25], [0.5, 2.0, 0.125], [-0.25, 0.125, 1.0]])
 
 
 def record(k: int, n: int = 3) -> FrameRecord:
@@ -40,8 +41,8 @@ def record(k: int, n: int = 3) -> FrameRecord:
     pose = np.array([0.5 * k, -0.25 * k, 0.01 * k])
     return FrameRecord(
         ConeObservations(t, np.zeros((n, 2)), eye, np.full((n, 5), 0.2)),
-        Associations(t, status, np.arange(n), d2),
-        Estimate(t, pose, np.eye(3), np.zeros(2), Status.DEGRADED, reset_counter=2),
+        Associations(t, status, np.arange(n), d2, *((1.25, 2) if n and k else ())),
+        Estimate(t, pose, POSE_COV, np.zeros(2), Status.DEGRADED, reset_counter=2),
         reason="few cones, one\nof them odd",
         stage_ms={"associate": 0.5, "frame": 1.5 + k},
     )
@@ -83,6 +84,12 @@ def test_a_finished_run_reads_back_as_it_was_written(tmp_path: Path) -> None:
     assert run.status.status.tolist() == ["DEGRADED"] * 5
     assert run.status.reason[0] == "few cones; one of them odd"
     assert run.status.reset_counter.tolist() == [2] * 5
+    np.testing.assert_allclose(run.pose_cov.stamp_s, k / 30.0, atol=5e-10)
+    np.testing.assert_array_equal(run.pose_cov.cov, np.tile(POSE_COV, (5, 1, 1)))
+    # The first frame had nothing to compare with.
+    np.testing.assert_allclose(run.consistency.stamp_s, k[1:] / 30.0, atol=5e-10)
+    assert run.consistency.nis.tolist() == [1.25] * 4
+    assert run.consistency.dof.tolist() == [2] * 4
     assert run.finished
     assert run.summary == {"schema_version": 1, "frames": 5, "peak": None}
 
@@ -94,13 +101,25 @@ def test_the_map_reads_back_bit_by_bit(tmp_path: Path) -> None:
         np.testing.assert_array_equal(getattr(found, name), getattr(written, name))
 
 
+def test_a_finished_run_without_the_tables_of_consistency_is_read(
+    tmp_path: Path,
+) -> None:
+    write_run(tmp_path)
+    (tmp_path / "consistency.csv").unlink()
+    (tmp_path / "pose_cov.csv").unlink()
+    run = read_run(tmp_path)
+    assert (len(run.trajectory), len(run.consistency), len(run.pose_cov)) == (5, 0, 0)
+
+
 def test_files_are_laid_out_as_documented(tmp_path: Path) -> None:
     write_run(tmp_path, frames=1)
     text = {p.name: p.read_text() for p in tmp_path.iterdir()}
     assert sorted(text) == [
         "associations.csv",
         "config.toml",
+        "consistency.csv",
         "map.csv",
+        "pose_cov.csv",
         "status.csv",
         "summary.json",
         "timing.csv",

@@ -8,19 +8,27 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from conegraph.errors import FileFormatError
 from conegraph.io.csv_table import read_text
+from conegraph.io.run_rows import (
+    AssociationRows,
+    ConsistencyRows,
+    Names,
+    PoseCovariances,
+    StatusRows,
+)
 from conegraph.io.run_writer import (
     ASSOCIATIONS,
+    CONSISTENCY,
     HEADERS,
     MAP,
+    POSE_COV,
     SMOOTHED,
     STATUS,
     SUMMARY,
@@ -37,52 +45,23 @@ from conegraph.types import (
     Trajectory,
 )
 
-__all__ = ["AssociationRows", "RunFolder", "RunWriter", "StatusRows", "read_run"]
+__all__ = [
+    "AssociationRows",
+    "ConsistencyRows",
+    "PoseCovariances",
+    "RunFolder",
+    "RunWriter",
+    "StatusRows",
+    "read_run",
+]
 
-Names = NDArray[np.str_]
 T = TypeVar("T")
 
+_SINCE_LATER = (CONSISTENCY, POSE_COV)
+"""Files that finished runs of older versions do not have."""
 
-@dataclass(frozen=True, slots=True)
-class AssociationRows:
-    """Row by row what became of every observation of the run.
-
-    Attributes:
-        stamp_s: (N,) the frame's stamp.
-        observation: (N,) row of the cone in its frame.
-        status: (N,) values of `MatchStatus`.
-        landmark_id: (N,) the landmark, -1 where there is none.
-        d2: (N,) squared Mahalanobis distance, NaN where there is none.
-    """
-
-    stamp_s: Array
-    observation: IntArray
-    status: Names
-    landmark_id: IntArray
-    d2: Array
-
-    def __len__(self) -> int:
-        return len(self.stamp_s)
-
-
-@dataclass(frozen=True, slots=True)
-class StatusRows:
-    """The status after each frame.
-
-    Attributes:
-        stamp_s: (N,) the frame's stamp.
-        status: (N,) values of `Status`.
-        reason: (N,) why, empty where all is well.
-        reset_counter: (N,) resets so far.
-    """
-
-    stamp_s: Array
-    status: Names
-    reason: tuple[str, ...]
-    reset_counter: IntArray
-
-    def __len__(self) -> int:
-        return len(self.stamp_s)
+_SYMMETRIC = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
+"""Where each entry of a covariance (3, 3) is in its row of upper entries."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +77,8 @@ class RunFolder:
         timing_ms: times by stage; the stage ``frame`` is the whole.
         status: the status after each frame.
         summary: ``summary.json``; empty if the run did not finish.
+        consistency: the innovation of each frame; empty in older runs.
+        pose_cov: the covariance of each causal pose; empty in older runs.
     """
 
     folder: Path
@@ -108,6 +89,8 @@ class RunFolder:
     timing_ms: Mapping[str, Array]
     status: StatusRows
     summary: Mapping[str, object]
+    consistency: ConsistencyRows = field(default_factory=ConsistencyRows.empty)
+    pose_cov: PoseCovariances = field(default_factory=PoseCovariances.empty)
 
     @property
     def finished(self) -> bool:
@@ -137,6 +120,8 @@ def read_run(folder: Path) -> RunFolder:
         timing_ms=_read_timing(folder / TIMING, finished),
         status=_read_status(folder / STATUS, finished),
         summary=summary,
+        consistency=_read_consistency(folder / CONSISTENCY, finished),
+        pose_cov=_read_pose_cov(folder / POSE_COV, finished),
     )
 
 
@@ -189,7 +174,8 @@ def _read_columns(
     """Read all cells of a table; an unfinished run's last line may be torn."""
     header = HEADERS.get(path.name, "")
     first_line = 2 if header else 1
-    if not finished and header and not path.exists():
+    may_be_missing = not finished or path.name in _SINCE_LATER
+    if may_be_missing and header and not path.exists():
         return _Columns(path, [[]] * width, first_line)
     text = read_text(path)
     lines = text.split("\n")
@@ -251,6 +237,17 @@ def _read_status(path: Path, finished: bool) -> StatusRows:
         reason=tuple(table.cells[2]),
         reset_counter=table.ints(3),
     )
+
+
+def _read_consistency(path: Path, finished: bool) -> ConsistencyRows:
+    table = _read_columns(path, 3, finished)
+    return ConsistencyRows(table.floats(0), table.floats(1), table.ints(2))
+
+
+def _read_pose_cov(path: Path, finished: bool) -> PoseCovariances:
+    table = _read_columns(path, 7, finished)
+    upper = np.column_stack([table.floats(k) for k in range(1, 7)])
+    return PoseCovariances(table.floats(0), upper[:, _SYMMETRIC])
 
 
 def _read_summary(path: Path) -> dict[str, object]:

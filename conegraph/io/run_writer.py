@@ -33,16 +33,21 @@ MAP = "map.csv"
 ASSOCIATIONS = "associations.csv"
 TIMING = "timing.csv"
 STATUS = "status.csv"
+CONSISTENCY = "consistency.csv"
+POSE_COV = "pose_cov.csv"
 SUMMARY = "summary.json"
 
 HEADERS: Mapping[str, str] = {
     ASSOCIATIONS: "t,observation,status,landmark,d2\n",
     TIMING: "t,stage,ms\n",
     STATUS: "t,status,reason,reset_counter\n",
+    CONSISTENCY: "t,nis,dof\n",
+    POSE_COV: "t,cov_xx,cov_xy,cov_xyaw,cov_yy,cov_yyaw,cov_yawyaw\n",
     MAP: "id,x,y,class,p_blue,p_yellow,p_orange,p_big_orange,p_unknown,"
     "cov_xx,cov_xy,cov_yy,observations\n",
 }
-_GROWING = (TRAJECTORY, ASSOCIATIONS, TIMING, STATUS)
+_GROWING = (TRAJECTORY, ASSOCIATIONS, TIMING, STATUS, CONSISTENCY, POSE_COV)
+_UPPER = np.triu_indices(3)
 _ONE_CELL = str.maketrans({",": ";", '"': "'", "\n": " ", "\r": " "})
 
 
@@ -85,7 +90,7 @@ class RunWriter:
         self._open_files.close()
 
     def frame(self, record: FrameRecord) -> None:
-        """Append one frame to the trajectory, associations, timing and status."""
+        """Append one frame to every file that grows."""
         estimate, made = record.estimate, record.associations
         self._append(TRAJECTORY, tum_line(estimate.stamp_s, *estimate.pose.tolist()))
         if made.status:
@@ -108,6 +113,11 @@ class RunWriter:
         self._append(
             STATUS, f"{t},{estimate.status},{reason},{estimate.reset_counter}\n"
         )
+        cov = ",".join(f"{v:.9g}" for v in estimate.pose_cov[_UPPER].tolist())
+        self._append(POSE_COV, f"{t},{cov}\n")
+        if made.nis_dof > 0:
+            row = f"{made.stamp_s:.9f},{made.nis:.6g},{made.nis_dof}\n"
+            self._append(CONSISTENCY, row)
 
     def checkpoint(self, cone_map: ConeMap) -> None:
         """Replace the map file as a whole."""

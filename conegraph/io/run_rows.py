@@ -1,0 +1,99 @@
+"""The tables of a run's folder in memory: one column, one array."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conegraph.types import Array, IntArray
+
+Names = NDArray[np.str_]
+
+
+@dataclass(frozen=True, slots=True)
+class AssociationRows:
+    """Row by row what became of every observation of the run.
+
+    Attributes:
+        stamp_s: (N,) the frame's stamp.
+        observation: (N,) row of the cone in its frame.
+        status: (N,) values of `MatchStatus`.
+        landmark_id: (N,) the landmark, -1 where there is none.
+        d2: (N,) squared Mahalanobis distance, NaN where there is none.
+    """
+
+    stamp_s: Array
+    observation: IntArray
+    status: Names
+    landmark_id: IntArray
+    d2: Array
+
+    def __len__(self) -> int:
+        return len(self.stamp_s)
+
+
+@dataclass(frozen=True, slots=True)
+class StatusRows:
+    """The status after each frame.
+
+    Attributes:
+        stamp_s: (N,) the frame's stamp.
+        status: (N,) values of `Status`.
+        reason: (N,) why, empty where all is well.
+        reset_counter: (N,) resets so far.
+    """
+
+    stamp_s: Array
+    status: Names
+    reason: tuple[str, ...]
+    reset_counter: IntArray
+
+    def __len__(self) -> int:
+        return len(self.stamp_s)
+
+
+@dataclass(frozen=True, slots=True)
+class ConsistencyRows:
+    """The joint innovation of every frame that had one.
+
+    Attributes:
+        stamp_s: (N,) the frame's stamp.
+        nis: (N,) normalised innovation squared of all its matches together.
+        dof: (N,) degrees of freedom, above zero.
+    """
+
+    stamp_s: Array
+    nis: Array
+    dof: IntArray
+
+    def __len__(self) -> int:
+        return len(self.stamp_s)
+
+    @classmethod
+    def empty(cls) -> Self:
+        """No frame at all."""
+        return cls(np.zeros(0), np.zeros(0), np.zeros(0, dtype=np.int64))
+
+
+@dataclass(frozen=True, slots=True)
+class PoseCovariances:
+    """How far each causal pose is trusted.
+
+    Attributes:
+        stamp_s: (N,) the estimate's stamp, as in the trajectory.
+        cov: (N, 3, 3) covariance of x, y (m) and yaw (rad), in the run's world.
+    """
+
+    stamp_s: Array
+    cov: Array
+
+    def __len__(self) -> int:
+        return len(self.stamp_s)
+
+    @classmethod
+    def empty(cls) -> Self:
+        """No pose at all."""
+        return cls(np.zeros(0), np.zeros((0, 3, 3)))
