@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from conegraph.backends.association import associate
+from conegraph.backends.association import associate, is_careful
 from conegraph.backends.landmark_filter import PredictedCones
 from conegraph.backends.local_map import LocalMap
 from conegraph.backends.pairing_problem import (
@@ -134,7 +134,7 @@ class FramePairer:
         n_known = int(known.sum())
         hits = int((first.matched & known).sum())
         enough = n_known >= 3
-        checked = self._config.association.method == "sequential"
+        checked = is_careful(self._config.association)
         if checked and enough and hits < FEW_MATCHES * n_known:
             doubt = RESCUE * 2.0 ** min(self._failures, MAX_DOUBLINGS) * noise
             map_.filter.inflate(doubt)
@@ -245,7 +245,7 @@ class FramePairer:
         birth |= free & cluster.beside & (pairing.free_d2 > config.no_birth_d2)
         ambiguous = free & ~birth
         confused = n_known >= 2 and hits < 0.5 * n_known
-        if confused and config.method == "sequential":
+        if confused and is_careful(config):
             birth = np.zeros_like(birth)
         return Pairs(
             slot.astype(np.int64),

@@ -6,7 +6,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from conegraph.backends.pairing_problem import Problem
+from conegraph.backends.pairing_problem import (
+    ClusterVerdict,
+    Pairing,
+    Problem,
+    largest_sigma,
+    mahalanobis,
+)
+from conegraph.config import AssociationConfig
 from conegraph.types import Array, IntArray, Mask
 
 
@@ -87,4 +94,24 @@ def accept(
         column=column,
         d2=matched_d2,
         score=state.score + float(gain[row, col].sum()),
+    )
+
+
+def conclude(
+    config: AssociationConfig, problem: Problem, state: PairingState
+) -> Pairing:
+    """Return the pairs, and how near the rest is to known cones given the pairs."""
+    d2, logdet = mahalanobis(problem.xy_m, problem.noise_m2, state.h, state.cov)
+    loose = largest_sigma(state.cov) > problem.loose_m
+    likely = problem.new_cost - d2 - problem.cost - logdet > config.ambiguity_d2
+    silent = state.used | (loose & ~likely)
+    free_d2 = np.where(silent, np.inf, d2).min(axis=1)
+    matched = state.column >= 0
+    nearest_d2 = np.where(matched, state.d2, d2.min(axis=1))
+    return Pairing(
+        state.column,
+        nearest_d2,
+        free_d2,
+        loose & ~state.used,
+        ClusterVerdict(state.soft, state.spread_m2, state.beside),
     )

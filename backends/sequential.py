@@ -6,13 +6,12 @@ import numpy as np
 
 from conegraph.backends.clusters import CLUSTER_M, settle_clusters
 from conegraph.backends.pairing_problem import (
-    ClusterVerdict,
     Pairing,
     Problem,
     largest_sigma,
     mahalanobis,
 )
-from conegraph.backends.pairing_state import PairingState, accept
+from conegraph.backends.pairing_state import PairingState, accept, conclude
 from conegraph.config import AssociationConfig
 from conegraph.types import Array, IntArray, Mask
 
@@ -43,20 +42,7 @@ def pair_sequentially(config: AssociationConfig, problem: Problem) -> Pairing:
     state = _recognise(config, problem, state, vague=True)
     state = settle_clusters(config, problem, state)
     state = _advance(config, problem, state)
-    d2, logdet = mahalanobis(problem.xy_m, problem.noise_m2, state.h, state.cov)
-    loose = largest_sigma(state.cov) > problem.loose_m
-    likely = problem.new_cost - d2 - problem.cost - logdet > config.ambiguity_d2
-    silent = state.used | (loose & ~likely)
-    free_d2 = np.where(silent, np.inf, d2).min(axis=1)
-    matched = state.column >= 0
-    nearest_d2 = np.where(matched, state.d2, d2.min(axis=1))
-    return Pairing(
-        state.column,
-        nearest_d2,
-        free_d2,
-        loose & ~state.used,
-        ClusterVerdict(state.soft, state.spread_m2, state.beside),
-    )
+    return conclude(config, problem, state)
 
 
 def _advance(

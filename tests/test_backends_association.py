@@ -14,8 +14,8 @@ from conegraph.backends.pairing_problem import Problem
 from conegraph.config import AssociationConfig
 from conegraph.types import Array
 
-Method = Literal["sequential", "nearest", "known"]
-METHODS: list[Method] = ["sequential", "nearest", "known"]
+Method = Literal["sequential", "one_to_one", "jcbb", "nearest", "known"]
+METHODS: list[Method] = ["sequential", "one_to_one", "jcbb", "nearest", "known"]
 
 
 def problem(seen: Array, mapped: Array, sigma_m: float = 0.1) -> Problem:
