@@ -23,6 +23,8 @@ NOT_YET = {
     "rgb.txt": "RGB-D sequences",
 }
 MAX_LAPS = 1000
+MAX_DELAY_S = 10.0
+MAX_STAND_S = 3600.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +40,8 @@ class SimOptions:
         unknown_colour: share of detections whose class is taken away.
         missed: share of detections that are left out.
         false_cones: false detections added for each one that there was.
+        delay: time in s between a frame's stamp and its arrival; odometry has none.
+        stand: time in s that the car stands before it sets off.
     """
 
     laps: int = 2
@@ -48,6 +52,8 @@ class SimOptions:
     unknown_colour: float = 0.0
     missed: float = 0.0
     false_cones: float = 0.0
+    delay: float = 0.0
+    stand: float = 1.0
 
 
 def open_source(text: str, *, seed: int = 0) -> Source:
@@ -57,7 +63,7 @@ def open_source(text: str, *, seed: int = 0) -> Source:
         text: a folder with a cone log, ``mrclam:FOLDER/RobotN``,
             ``victoria-park[:FILE]`` or
             ``sim:TRACK[?laps=N&seed=N&sensor=camera|lidar&odometry=on|off]``, which
-            also takes the shares that `SimOptions` names, as in ``missed=0.1``.
+            also takes the numbers that `SimOptions` names, as in ``missed=0.1``.
         seed: seed of a simulated source that names none.
 
     Raises:
@@ -93,12 +99,15 @@ def simulate_track(track: str, options: SimOptions) -> Recording:
     from conegraph.sim.drive import simulate
     from conegraph.sim.faults import StreamFaults
     from conegraph.sim.odometry import OdometrySensor
+    from conegraph.sim.vehicle import VehicleModel
 
+    sensor = LIDAR if options.sensor == "lidar" else CAMERA
     return simulate(
         _layout(track, options.seed),
         laps=options.laps,
         seed=options.seed,
-        sensor=LIDAR if options.sensor == "lidar" else CAMERA,
+        sensor=replace(sensor, delay_s=options.delay),
+        vehicle=VehicleModel(stand_s=options.stand),
         odometry=OdometrySensor() if options.odometry else None,
         faults=StreamFaults(
             options.wrong_colour,
@@ -138,6 +147,10 @@ def parse_sim_query(query: str, *, seed: int = 0) -> SimOptions:
                 options = replace(options, missed=_share(item, value))
             case "false_cones":
                 options = replace(options, false_cones=_share(item, value))
+            case "delay":
+                options = replace(options, delay=_seconds(item, value, MAX_DELAY_S))
+            case "stand":
+                options = replace(options, stand=_seconds(item, value, MAX_STAND_S))
             case _:
                 keys = tuple(SimOptions.__dataclass_fields__)
                 raise SourceError(
@@ -150,13 +163,21 @@ def parse_sim_query(query: str, *, seed: int = 0) -> SimOptions:
 
 
 def _share(item: str, value: str) -> float:
+    return _number(item, value, 1.0, "a share, 0 to 1")
+
+
+def _seconds(item: str, value: str, most_s: float) -> float:
+    return _number(item, value, most_s, f"seconds, 0 to {most_s:g}")
+
+
+def _number(item: str, value: str, most: float, kind: str) -> float:
     try:
-        share = float(value)
+        number = float(value)
     except ValueError:
-        share = -1.0
-    if not 0.0 <= share <= 1.0:
-        raise SourceError(f"sim: {item!r}: expected a share, 0 to 1")
-    return share
+        number = -1.0
+    if not 0.0 <= number <= most:
+        raise SourceError(f"sim: {item!r}: expected {kind}")
+    return number
 
 
 def _whole(item: str, value: str, low: int, high: int) -> int:
