@@ -15,7 +15,7 @@ from conegraph.config import StartLineConfig
 from conegraph.types import Array, ConeObservations, IntArray, LoopClosure
 
 REVISITED = 3
-"""Cones not seen for `min_closure_m` that must match again to close a loop."""
+"""Cones of an earlier visit to the gate that must match again to close a loop."""
 
 AT_GATE_M = 15.0
 """How near to the start gate these and the car must be: other places are only passed
@@ -50,7 +50,9 @@ class ClosureWatch:
     """Decides in each frame whether the car has come back to the start.
 
     Mostly the drift over a lap is small and the cones of the start match like any
-    others; that closes the loop. When the drift is too large for that, the start
+    others; that closes the loop. What counts is when a cone was last matched by a car
+    at the gate: a sensor that sees across the track never loses sight of the start,
+    and a loop closes even so. When the drift is too large for that, the start
     cones themselves are tried (thesis section 4.4.5), and trusted only if
 
     - the car has driven far enough,
@@ -67,6 +69,7 @@ class ClosureWatch:
         self._closed_m = 0.0
         self._refused_m = -np.inf
         self._revisits: deque[float] = deque()
+        self._visited_m: dict[int, float] = {}
 
     def check(
         self,
@@ -85,15 +88,10 @@ class ClosureWatch:
             gate: the start gate.
             driven_m: the odometer.
         """
+        returned = self._returned(map_, pairs, gate, driven_m)
         if driven_m - self._closed_m < self._config.min_closure_m:
             return ClosureResult()
-        row = map_.row[pairs.slot[pairs.matched]]
-        away_m = driven_m - map_.book.last_seen_m[row]
-        places = map_.filter.landmarks_m[pairs.slot[pairs.matched]]
-        old = (away_m > self._config.min_closure_m) & map_.book.published[row]
-        old &= np.linalg.norm(places - gate.middle_m, axis=1) < AT_GATE_M
-        old &= _comes_to(map_.filter.vehicle, gate)
-        self._revisits.extend([driven_m] * int(old.sum()))
+        self._revisits.extend([driven_m] * returned)
         while self._revisits and driven_m - self._revisits[0] > REVISIT_WINDOW_M:
             self._revisits.popleft()
         if len(self._revisits) >= REVISITED:
@@ -107,6 +105,27 @@ class ClosureWatch:
             return ClosureResult()
         return self._try_gate(map_, frame, start, driven_m)
 
+    def _returned(
+        self, map_: LocalMap, pairs: Pairs, gate: Gate, driven_m: float
+    ) -> int:
+        """Count the cones at the gate whose last visit is a lap away; note this one.
+
+        A cone of a given map counts as visited long ago.
+        """
+        if not _comes_to(map_.filter.vehicle, gate):
+            return 0
+        slot = pairs.slot[pairs.matched & ~pairs.cluster.soft]
+        places = map_.filter.landmarks_m[slot]
+        slot = slot[np.linalg.norm(places - gate.middle_m, axis=1) < AT_GATE_M]
+        book, row = map_.book, map_.row[slot]
+        known = np.where(np.isfinite(book.last_seen_m[row]), driven_m, -np.inf)
+        ids = book.id[row].tolist()
+        visited = self._visited_m
+        last_m = np.array([visited.get(i, m) for i, m in zip(ids, known, strict=True)])
+        visited.update(dict.fromkeys(ids, driven_m))
+        old = driven_m - last_m > self._config.min_closure_m
+        return int((old & book.published[row]).sum())
+
     def _try_gate(
         self,
         map_: LocalMap,
@@ -114,18 +133,19 @@ class ClosureWatch:
         start: IntArray,
         driven_m: float,
     ) -> ClosureResult:
+        map_.sync()
         book = map_.book
-        known = book.published[map_.row]
-        away = driven_m - book.last_seen_m[map_.row] > self._config.min_closure_m
-        role = self._pairer.roles(book.class_prob[map_.row])
-        candidates = np.flatnonzero(known & away & (role == ROLE_INDEX["start"]))
+        known = np.flatnonzero(book.published)
+        away = driven_m - book.last_seen_m[known] > self._config.min_closure_m
+        role = self._pairer.roles(book.class_prob[known])
+        candidates = np.flatnonzero(away & (role == ROLE_INDEX["start"]))
         if len(candidates) < 2:
             return ClosureResult()
-        mapped = map_.filter.landmarks_m[known]
-        place = np.cumsum(known) - 1
-        found = match_gate(frame.xy_m, start, mapped, place[candidates])
+        found = match_gate(frame.xy_m, start, book.xy_m[known], candidates)
         if not isinstance(found, str):
-            slot = np.flatnonzero(known)[found.slot].astype(np.int64)
+            held = np.full(len(book), -1)
+            held[map_.row] = np.arange(len(map_.row))
+            slot = held[known[found.slot]]
             found = GateMatch(found.row, slot, found.pose, found.agreement)
             reason = self._doubt(map_, frame, found)
             if not reason:
@@ -151,6 +171,8 @@ class ClosureWatch:
         """Return why a match is not trusted, empty if it is."""
         if match.agreement < self._config.min_agreement:
             return f"only {100 * match.agreement:.0f} % of the frame agrees"
+        if (match.slot < 0).any():
+            return "the start is farther away than any drift"
         seen = map_.filter.innovation(
             match.slot, frame.xy_m[match.row], frame.cov_m2[match.row], None
         )
