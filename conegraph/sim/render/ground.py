@@ -21,8 +21,8 @@ from conegraph.sim.render.paint import (
 )
 from conegraph.types import Array
 
-_MARGIN_M = 45.0
-_MAX_PX = 4_000_000
+_MARGIN_M = 35.0
+_MAX_PX = 2_000_000
 _FINE_M, _COARSE_M = 0.006, 0.045
 _TILE_PX = 512
 
