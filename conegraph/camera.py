@@ -6,12 +6,14 @@ is x right, y down, z forward; the car frame x forward, y left, z up from the gr
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from conegraph.types import Array
+from conegraph.types import Array, Event, StreamInfo
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,3 +123,15 @@ class RgbdFrame:
                 f"RgbdFrame.depth_m must be float32 of shape {shape}, but got "
                 f"{self.depth_m.dtype} of {self.depth_m.shape}"
             )
+
+
+class Stream(StreamInfo, Protocol):
+    """A source whose frames may be pictures that a front end still has to look at.
+
+    Every `Source` is one. Where the pictures come from a file, each is read when its
+    turn comes, and every call of ``events`` begins anew.
+    """
+
+    def events(self) -> Iterator[Event | RgbdFrame]:
+        """Yield the events, ordered as they reach the computer."""
+        ...

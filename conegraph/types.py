@@ -367,8 +367,8 @@ class SensorModel:
         return R
 
 
-class Source(Protocol):
-    """Anything that yields events in order, with whatever truth it has."""
+class StreamInfo(Protocol):
+    """What is known of a stream beside its events."""
 
     @property
     def name(self) -> str:
@@ -409,6 +409,10 @@ class Source(Protocol):
     def rejected(self) -> Mapping[str, int]:
         """Rows that were left out on reading, counted by reason."""
         ...
+
+
+class Source(StreamInfo, Protocol):
+    """Anything that yields events in order, with whatever truth it has."""
 
     def events(self) -> Iterator[Event]:
         """Yield the events, ordered as they reach the computer."""

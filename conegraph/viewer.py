@@ -10,13 +10,13 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Protocol
 
-from conegraph.types import ConeMap, FrameRecord, Source, Trajectory
+from conegraph.types import ConeMap, FrameRecord, StreamInfo, Trajectory
 
 
 class Viewer(Protocol):
     """What the pipeline tells about one back end's run, in this order."""
 
-    def start(self, source: Source) -> None:
+    def start(self, source: StreamInfo) -> None:
         """Take the name and the truth of the stream that is about to run."""
         ...
 
@@ -36,7 +36,7 @@ class Viewer(Protocol):
 class NullViewer:
     """The viewer of a run that nobody watches: it does nothing."""
 
-    def start(self, source: Source) -> None:
+    def start(self, source: StreamInfo) -> None:
         """Ignore the stream."""
 
     def frame(self, record: FrameRecord, cone_map: Callable[[], ConeMap]) -> None:

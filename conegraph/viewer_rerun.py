@@ -23,8 +23,8 @@ from conegraph.types import (
     Estimate,
     FrameRecord,
     IntArray,
-    Source,
     Status,
+    StreamInfo,
     Trajectory,
 )
 from conegraph.viewer_stream import SharedStream
@@ -79,7 +79,7 @@ class RerunViewer:
         self._stream = stream
         self._name = name
         self._map_period_s = map_period_s
-        self._source: Source | None = None
+        self._source: StreamInfo | None = None
         self._frame = 0
         self._stamp_s = 0.0
         self._map_due_s = -np.inf
@@ -88,7 +88,7 @@ class RerunViewer:
         self._status: Status | None = None
         self._stages: list[str] = []
 
-    def start(self, source: Source) -> None:
+    def start(self, source: StreamInfo) -> None:
         """Name the recording, and keep the truth until the first frame places it."""
         self._source = source
         if not self._stream.is_on():

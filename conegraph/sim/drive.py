@@ -60,23 +60,15 @@ def simulate(
     Raises:
         SourceError: no lane can be made out.
     """
-    line = driving_line(layout)
     paths, cones, wheels, mishaps = map(
         np.random.default_rng, np.random.SeedSequence(seed).spawn(4)
     )
-    motion = drive_line(
-        line,
-        closes(line),
-        paths,
-        laps=laps,
-        start_line_m=start_line_at(layout, line),
-        model=vehicle,
-    )
+    motion = plan_drive(layout, paths, laps=laps, vehicle=vehicle)
     truth = TruthMap(np.arange(len(layout)), layout.xy_m, layout.cone_class)
-    stamps = _stamps(motion, sensor.rate_hz)
+    stamps = even_stamps(motion, sensor.rate_hz)
     arrivals: list[tuple[float, Event]] = []
     if odometry is not None:
-        read_at = _stamps(motion, odometry.rate_hz)
+        read_at = even_stamps(motion, odometry.rate_hz)
         samples = read_odometry(odometry, read_at, motion.velocity(read_at), wheels)
         arrivals += [(v.stamp_s + odometry.delay_s, v) for v in samples]
     frames = sense(sensor, stamps, motion.pose(stamps), truth, cones)
@@ -84,7 +76,7 @@ def simulate(
         frames = with_faults(frames, faults, sensor, mishaps)
     arrivals += [(f.stamp_s + sensor.delay_s, f) for f in frames]
     arrivals.sort(key=lambda item: item[0])
-    trajectory, truth = _seen_from(origin, _trajectory(motion, stamps), truth)
+    trajectory, truth = seen_from(origin, true_path(motion, stamps), truth)
     return Recording(
         layout.name,
         tuple(event for _, event in arrivals),
@@ -94,17 +86,41 @@ def simulate(
     )
 
 
-def _stamps(motion: Motion, rate_hz: float) -> Array:
+def plan_drive(
+    layout: TrackLayout,
+    rng: np.random.Generator,
+    *,
+    laps: int = 2,
+    vehicle: VehicleModel | None = None,
+) -> Motion:
+    """Return how the car drives a track, see `simulate`.
+
+    Raises:
+        SourceError: no lane can be made out.
+    """
+    line = driving_line(layout)
+    return drive_line(
+        line,
+        closes(line),
+        rng,
+        laps=laps,
+        start_line_m=start_line_at(layout, line),
+        model=vehicle,
+    )
+
+
+def even_stamps(motion: Motion, rate_hz: float) -> Array:
     """Return stamps from zero to the end of the drive."""
     return np.arange(int(motion.duration_s * rate_hz) + 1) / rate_hz
 
 
-def _trajectory(motion: Motion, frame_stamps: Array) -> Trajectory:
-    stamps = np.union1d(_stamps(motion, _TRUTH_HZ), frame_stamps)
+def true_path(motion: Motion, frame_stamps: Array) -> Trajectory:
+    """Return the true poses at 100 Hz and at the given stamps (F,)."""
+    stamps = np.union1d(even_stamps(motion, _TRUTH_HZ), frame_stamps)
     return Trajectory(stamps, motion.pose(stamps))
 
 
-def _seen_from(
+def seen_from(
     origin: Literal["track", "start"], trajectory: Trajectory, cones: TruthMap
 ) -> tuple[Trajectory, TruthMap]:
     """Return the truth in the frame that was asked for."""
