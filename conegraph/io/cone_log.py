@@ -81,7 +81,7 @@ def read_cone_log(folder: Path) -> Recording:
     if not frames and not rejected:
         raise FileFormatError(path, "holds no frames")
     odometry = find_file(folder, "odometry.csv")
-    velocities = _read_velocities(odometry, rejected) if odometry else []
+    velocities = read_velocities(odometry, rejected) if odometry else []
     truth = find_file(folder, "truth.csv")
     truth_map = find_file(folder, "map.csv")
     return Recording(
@@ -111,7 +111,7 @@ def write_cone_log(folder: Path, recording: Recording) -> None:
     truth, truth_map = recording.truth_trajectory, recording.truth_map
     files = {
         "cones.csv": _format_frames(frames),
-        "odometry.csv": _format_velocities(velocities) if velocities else None,
+        "odometry.csv": format_velocities(velocities) if velocities else None,
         "truth.csv": None if truth is None else format_truth(truth),
         "map.csv": None if truth_map is None else format_truth_map(truth_map),
     }
@@ -184,7 +184,12 @@ def _true_ids(table: Table, cone: Mask, checks: RowChecks) -> IntArray | None:
     return np.where(sound, number, -1).astype(np.int64)
 
 
-def _read_velocities(path: Path, rejected: Counter[str]) -> list[VelocityObservation]:
+def read_velocities(path: Path, rejected: Counter[str]) -> list[VelocityObservation]:
+    """Read ``odometry.csv``; bad rows are counted into ``rejected``.
+
+    Raises:
+        FileFormatError: unreadable or empty, or a column missing.
+    """
     table = read_table(path, ("t", "u", "r"), VELOCITY_COV_COLUMNS)
     checks = RowChecks(table, rejected)
     stamp, keep = checks.stamps()
@@ -225,7 +230,8 @@ def _format_frames(frames: Sequence[ConeObservations]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _format_velocities(velocities: Sequence[VelocityObservation]) -> str:
+def format_velocities(velocities: Sequence[VelocityObservation]) -> str:
+    """Return the text of ``odometry.csv``."""
     header = ",".join(("t", "u", "r", *VELOCITY_COV_COLUMNS))
     table = np.array(
         [
