@@ -33,6 +33,8 @@ class HsvConfig(Section):
     """First and last hue of orange cones."""
     min_saturation: Byte = 90
     """Paler pixels are no cone."""
+    min_chroma: Byte = 25
+    """And whose saturation times value, over 255, is at least this."""
     min_value: Byte = 35
     """Darker pixels are no cone: their hue is noise."""
     min_pixels: Annotated[int, Field(ge=1)] = 8
@@ -130,15 +132,17 @@ class GroundConfig(Section):
 class LocalizationConfig(Section):
     """From a detection in the picture to a position with its covariance."""
 
-    edge_sigma_px: Positive = 0.4
+    edge_sigma_px: Positive = 0.2
     """Error of the row at which a cone meets the ground."""
-    center_sigma_px: Positive = 0.4
+    center_sigma_px: Positive = 0.12
     """Error of the column of a cone's axis."""
+    axis_sigma_m: Positive = 0.003
+    """Error of the axis up close, where pixels are small."""
     depth_correlation_px: Positive = 5.0
     """Side of the square of pixels whose depths err together."""
     foot_sigma_m: Positive = 0.015
     """How far the foot's near edge strays from where a foot at a middling angle has
     it."""
-    gate_d2: Positive = 12.0
+    gate_d2: Positive = 7.0
     """Depth and ground that disagree by more are not fused: something hides the
     foot, or the depth is of something else."""

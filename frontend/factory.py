@@ -1,0 +1,21 @@
+"""Which front ends there are: a new one is one class and one line here."""
+
+from __future__ import annotations
+
+from conegraph.config import Config, HsvConfig
+from conegraph.frontend.base import FrontEnd
+from conegraph.frontend.front_end import RgbdFrontEnd
+from conegraph.frontend.hsv import HsvDetector
+
+
+def make_front_end(config: Config) -> FrontEnd:
+    """Make the front end that ``[detector]`` names."""
+    detector = config.detector
+    assert isinstance(detector, HsvConfig)
+    return RgbdFrontEnd(
+        HsvDetector(detector),
+        config.ground,
+        config.localization,
+        min_range_m=detector.min_range_m,
+        max_range_m=detector.max_range_m,
+    )

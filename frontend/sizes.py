@@ -1,0 +1,120 @@
+"""Cones come in two sizes: what has neither is none; orange ones are told apart."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from conegraph.camera import RgbdFrame
+from conegraph.frontend.base import Candidates
+from conegraph.frontend.camera import project, rays
+from conegraph.frontend.foot import top_shares
+from conegraph.frontend.ground import GroundPlane
+from conegraph.frontend.localize import Places
+from conegraph.frontend.scale import BIG_HEIGHT_M, CONE_HEIGHT_M
+from conegraph.types import Array, ConeClass, Mask
+
+HEIGHTS_M = np.array([CONE_HEIGHT_M, BIG_HEIGHT_M])
+WIDTHS_M = np.array([0.275, 0.345])
+"""Of the foot, turned by any angle."""
+HEIGHT_SPREAD_M, WIDTH_SPREAD_M = 0.03, 0.045
+EDGE_PX = 1.0
+"""How far a box's edge may be off."""
+TOP_SHARE = 0.3
+"""So much of a cone's colour must be where its missing top should be."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sizes:
+    """How large candidates are.
+
+    Attributes:
+        height_m: (N,) from the ground to the top.
+        misfit_d2: (N, 2) squared distance of height and width from those of a small
+            and a big cone, in sigmas.
+        box_px: (N, 4) boxes, completed where a faint top was found.
+    """
+
+    height_m: Array
+    misfit_d2: Array
+    box_px: Array
+
+
+def measure_sizes(
+    frame: RgbdFrame, found: Candidates, places: Places, ground: GroundPlane
+) -> Sizes:
+    """Measure candidates at their places, and look for tops that are too faint.
+
+    Args:
+        frame: the picture.
+        found: the candidates in it.
+        places: where they stand.
+        ground: the plane that they stand on.
+    """
+    metre_px = frame.camera.fx_px / places.range_m
+    height = _heights(frame, found.box_px[:, 1], places, ground)
+    edge_m = EDGE_PX / metre_px
+    doubtful = np.hypot(edge_m, HEIGHT_SPREAD_M)
+    short = height < CONE_HEIGHT_M - doubtful
+    top = _tops(frame, places, ground, CONE_HEIGHT_M)
+    share = top_shares(
+        frame.color, found, top[:, 0], top[:, 1], CONE_HEIGHT_M * metre_px
+    )
+    faint = short & (share >= TOP_SHARE)
+    height = np.where(faint, CONE_HEIGHT_M, height)
+    box = found.box_px.copy()
+    box[:, 1] = np.where(faint, np.minimum(top[:, 1], box[:, 1]), box[:, 1])
+    width = (box[:, 2] - box[:, 0]) / metre_px
+    rows, columns = frame.color.shape[:2]
+    cut_low = box[:, 3] >= rows - 1.5
+    cut_side = (box[:, 0] <= 0.5) | (box[:, 2] >= columns - 1.5)
+    of_height = (height[:, None] - HEIGHTS_M) / doubtful[:, None]
+    of_width = (width[:, None] - WIDTHS_M) / np.hypot(edge_m, WIDTH_SPREAD_M)[:, None]
+    misfit = np.where(cut_low, 0.0, 1.0)[:, None] * of_height**2
+    misfit = misfit + np.where(cut_side, 0.0, 1.0)[:, None] * of_width**2
+    return Sizes(height, misfit, box)
+
+
+def fits(prob: Array, sizes: Sizes, gate_d2: float) -> Mask:
+    """Say which candidates (N,) have a size that cones of their colour have."""
+    orange = prob[:, ConeClass.ORANGE] + prob[:, ConeClass.BIG_ORANGE] > 0.5
+    small, big = sizes.misfit_d2.T
+    fit: Mask = np.where(orange, np.minimum(small, big), small) <= gate_d2
+    return fit
+
+
+def with_size(prob: Array, sizes: Sizes) -> Array:
+    """Share the orange probability (N, 5) between small and big cones by their sizes.
+
+    By Bayes' rule with equal priors the odds of big are ``exp((d_small - d_big) / 2)``.
+    """
+    small, big = sizes.misfit_d2.T
+    share = 1.0 / (1.0 + np.exp(np.clip(0.5 * (big - small), -30.0, 30.0)))
+    orange = prob[:, ConeClass.ORANGE] + prob[:, ConeClass.BIG_ORANGE]
+    shared = prob.copy()
+    shared[:, ConeClass.BIG_ORANGE] = orange * share
+    shared[:, ConeClass.ORANGE] = orange * (1.0 - share)
+    return shared
+
+
+def _heights(
+    frame: RgbdFrame, top_row: Array, places: Places, ground: GroundPlane
+) -> Array:
+    """Return how high (N,) the rays of the top rows pass over the feet."""
+    mount = ground.mount(frame.mount)
+    top = rays(frame.camera, np.column_stack([places.foot_uv[:, 0], top_row]))
+    turn = mount.rotation_car_optical
+    flat = np.linalg.norm(top @ turn[:2].T, axis=1)
+    height: Array = mount.height_m + places.range_m * (top @ turn[2]) / flat
+    return height
+
+
+def _tops(
+    frame: RgbdFrame, places: Places, ground: GroundPlane, height_m: float
+) -> Array:
+    """Return the pixels (N, 2) of points a height above the feet."""
+    mount = ground.mount(frame.mount)
+    away = places.xy_m - mount.position_m[:2]
+    up = np.full((len(away), 1), height_m - mount.height_m)
+    return project(frame.camera, np.hstack([away, up]) @ mount.rotation_car_optical)
