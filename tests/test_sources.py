@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from conegraph.errors import ConegraphError, SourceError
@@ -33,6 +34,20 @@ def test_a_sim_query_sets_what_it_names() -> None:
     assert parse_sim_query("", seed=7) == SimOptions(2, 7, "camera", True)
     query = "laps=5&seed=3&sensor=lidar&odometry=off"
     assert parse_sim_query(query, seed=7) == SimOptions(5, 3, "lidar", False)
+    query = "wrong_colour=0.02&unknown_colour=0.2&missed=0.1&false_cones=1e-2"
+    faults = SimOptions(2, 7, "camera", True, 0.02, 0.2, 0.1, 0.01)
+    assert parse_sim_query(query, seed=7) == faults
+
+
+def test_a_random_track_may_name_its_own_seed() -> None:
+    first, second = (open_source(f"sim:random:7?laps=1&seed={n}") for n in (1, 2))
+    assert first.truth_map is not None
+    assert second.truth_map is not None
+    own = open_source("sim:random?laps=1&seed=7")
+    assert own.truth_map is not None
+    # Each drive wanders from its first metre, and the truth is seen from its start.
+    np.testing.assert_allclose(own.truth_map.xy_m, first.truth_map.xy_m, atol=0.01)
+    np.testing.assert_allclose(own.truth_map.xy_m, second.truth_map.xy_m, atol=0.01)
 
 
 @pytest.mark.parametrize(
@@ -47,6 +62,13 @@ def test_a_sim_query_sets_what_it_names() -> None:
         ("seed=²", "sim: 'seed=²': expected a whole number, 0 to"),
         ("sensor=radar", "sim: 'sensor=radar': expected camera or lidar"),
         ("odometry=yes", "sim: 'odometry=yes': expected on or off"),
+        ("missed=1.5", "sim: 'missed=1.5': expected a share, 0 to 1"),
+        ("false_cones=nan", "sim: 'false_cones=nan': expected a share, 0 to 1"),
+        ("wrong_colour=few", "sim: 'wrong_colour=few': expected a share, 0 to 1"),
+        (
+            "wrong_colour=0.6&unknown_colour=0.6",
+            "sim: wrong_colour and unknown_colour add up to more than 1",
+        ),
     ],
 )
 def test_a_wrong_sim_query_names_the_key(query: str, message: str) -> None:
