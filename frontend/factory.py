@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from conegraph.config import Config, HsvConfig
+from conegraph.config import Config, HsvThesisConfig
 from conegraph.frontend.base import FrontEnd
 from conegraph.frontend.front_end import RgbdFrontEnd
 from conegraph.frontend.hsv import HsvDetector
+from conegraph.frontend.thesis import ThesisFrontEnd
 
 
 def make_front_end(config: Config) -> FrontEnd:
-    """Make the front end that ``[detector]`` names."""
+    """Make the front end that ``[detector]`` names.
+
+    It keeps the ground of the last frame: use a new one for another stream.
+    """
     detector = config.detector
-    assert isinstance(detector, HsvConfig)
+    if isinstance(detector, HsvThesisConfig):
+        return ThesisFrontEnd(detector)
     return RgbdFrontEnd(
         HsvDetector(detector),
         config.ground,

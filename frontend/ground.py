@@ -126,7 +126,8 @@ def fit_plane(frame: RgbdFrame, expected: GroundPlane) -> GroundPlane | None:
     use = below & (depth_m > 0)
     x = np.column_stack([ray[use], np.ones(int(use.sum()))]).astype(np.float64)
     y = 1.0 / depth_m[use].astype(np.float64)
-    plane, band = expected.plane, FIRST_BAND_PER_M
+    plane: Array = expected.plane
+    band = FIRST_BAND_PER_M
     noise = NOISE_PRIOR_PER_M
     near = np.zeros(0, dtype=bool)
     for _ in range(ROUNDS):
@@ -135,7 +136,7 @@ def fit_plane(frame: RgbdFrame, expected: GroundPlane) -> GroundPlane | None:
         if near.sum() < MIN_POINTS:
             return None
         kept = x[near]
-        plane = np.linalg.lstsq(kept, y[near], rcond=None)[0].astype(np.float64)
+        plane = np.asarray(np.linalg.lstsq(kept, y[near], rcond=None)[0], np.float64)
         residual = y[near] - kept @ plane
         noise = max(1.4826 * float(np.median(np.abs(residual))), NOISE_FLOOR_PER_M)
         band = INLIER_SIGMAS * noise
@@ -143,8 +144,8 @@ def fit_plane(frame: RgbdFrame, expected: GroundPlane) -> GroundPlane | None:
     information = kept.T @ kept
     if np.linalg.cond(information) > 1e10:
         return None
-    cov = (NEIGHBOURS * noise) ** 2 * np.linalg.inv(information)
-    return GroundPlane(plane, cov, noise, True)
+    cov = np.asarray(np.linalg.inv(information), dtype=np.float64)
+    return GroundPlane(plane, (NEIGHBOURS * noise) ** 2 * cov, noise, True)
 
 
 def _fused(expected: GroundPlane, found: GroundPlane) -> GroundPlane:

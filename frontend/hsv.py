@@ -17,7 +17,6 @@ from conegraph.frontend.colours import COLOURS, colour_of_pixels
 from conegraph.frontend.scale import (
     BIG_HEIGHT_M,
     CONE_HEIGHT_M,
-    FOOT_M,
     GroundScale,
 )
 from conegraph.frontend.shape import axis_points, cone_likeness
@@ -28,6 +27,13 @@ COLOUR_IS_RIGHT = 0.97
 """How often a cone of a colour's pixels is of that colour; the rest is shared."""
 MIN_VIVID_FOOT = 2
 """Vivid pixels of what other pieces may rest on."""
+LEAST_VOTES = 1.0
+LEAST_ALONE = 24
+"""Pixels that a cone must have in a picture of an unknown camera: what is smaller
+has no shape, and nothing else would keep it out."""
+BODY_M = 0.12
+"""Width of the lowest piece, where nothing else tells the scale: a foot seen from
+far, which blur and shade make narrower."""
 HEIGHT_OF = np.array([0.0, CONE_HEIGHT_M, CONE_HEIGHT_M, BIG_HEIGHT_M])
 """Greatest height of cones by colour, numbered as `colour_of_pixels` does."""
 
@@ -59,7 +65,8 @@ class HsvDetector:
         owner, origin = split_towers(uv, owner, px_per_m[cones])
         owner, uv, vivid = _sorted(owner, uv, vivid)
         prob = _class_prob(pieces.colour[cones][origin])
-        enough = np.bincount(owner, weights=vivid) >= config.min_pixels
+        least = config.min_pixels if scale else max(config.min_pixels, LEAST_ALONE)
+        enough = np.bincount(owner, weights=vivid) >= least
         uv = uv + np.array([0, top])
         box = boxes(uv[:, 0], uv[:, 1], owner)
         score = cone_likeness(box, uv, owner)
@@ -82,7 +89,7 @@ def _sorted(
 def _px_per_m(box_px: Array, top: int, scale: GroundScale | None) -> Array:
     """Return the size of a metre at each piece; without a camera, by its width."""
     if scale is None:
-        return (box_px[:, 2] - box_px[:, 0]) / FOOT_M
+        return (box_px[:, 2] - box_px[:, 0]) / BODY_M
     middle = box_px[:, [0, 2]].mean(axis=1)
     return scale.px_per_m(np.column_stack([middle, box_px[:, 3] + top]))
 
@@ -97,3 +104,33 @@ def _class_prob(colour: IntArray) -> Array:
     table[orange, :] = (1 - COLOUR_IS_RIGHT) / 3
     table[orange, both] = COLOUR_IS_RIGHT / 2
     return table[colour]
+
+
+def colours_of_boxes(picture: Picture, box_px: Array, config: HsvConfig) -> Array:
+    """Return class probabilities (N, 5) of cones whose boxes (N, 4) are given.
+
+    The pixels of each colour vote, those near the box's middle column more than those
+    at its sides, where a neighbour may stand. Without any, the class is unknown.
+
+    Args:
+        picture: (H, W, 3) RGB.
+        box_px: left, top, right, bottom edges.
+        config: the hues and thresholds.
+    """
+    hsv = np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2HSV), dtype=np.uint8)
+    colours = colour_of_pixels(hsv, config)
+    rows, columns = colours.shape
+    limit = np.array([columns, rows, columns, rows])
+    whole = np.clip(np.round(box_px + 0.5), 0, limit).astype(int)
+    prob = np.zeros((len(box_px), N_CLASSES))
+    for row, (left, top, right, bottom) in enumerate(whole):
+        inside = colours[top:bottom, left:right]
+        off = np.linspace(-1.0, 1.0, max(right - left, 1))[None, : inside.shape[1]]
+        weight = np.broadcast_to(1.0 - off**2, inside.shape)
+        votes = np.bincount(
+            inside.ravel(), weights=weight.ravel(), minlength=len(COLOURS) + 1
+        )[1:]
+        shares = votes / max(votes.sum(), LEAST_VOTES)
+        prob[row] = shares @ _class_prob(np.arange(1, len(COLOURS) + 1))
+    prob[:, ConeClass.UNKNOWN] += 1.0 - prob.sum(axis=1)
+    return prob
