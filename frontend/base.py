@@ -9,10 +9,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from conegraph.camera import RgbdFrame
+from conegraph.camera import Camera, CameraMount, RgbdFrame
 from conegraph.frontend.ground import GroundPlane
 from conegraph.frontend.scale import GroundScale
-from conegraph.types import Array, ConeObservations, IntArray, Mask
+from conegraph.types import Array, ConeObservations, IntArray, Mask, SensorModel
 
 Picture = NDArray[np.uint8]
 
@@ -98,6 +98,10 @@ class Detector(Protocol):
 
 class FrontEnd(Protocol):
     """From an RGB-D frame to cones in the car frame."""
+
+    def sensor(self, camera: Camera, mount: CameraMount) -> SensorModel:
+        """Return how precise and how far it sees with a camera that sits so."""
+        ...
 
     @property
     def rejected(self) -> Counter[str]:

@@ -43,6 +43,13 @@ def project(camera: Camera, points_m: Array) -> Array:
     return np.asarray(at[:, 0], dtype=np.float64)
 
 
+def half_fov_rad(camera: Camera) -> float:
+    """Return half the horizontal field of view, to the nearer side."""
+    middle = np.full(2, camera.cy_px)
+    sides = np.column_stack([[0.0, camera.width_px - 1.0], middle])
+    return float(np.arctan(np.abs(rays(camera, sides)[:, 0]).min()))
+
+
 @lru_cache(maxsize=8)
 def ray_grid(camera: Camera, step_px: int) -> Floats:
     """Return the rays (H', W', 2) = (X/Z, Y/Z) of every ``step_px``-th pixel."""

@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from conegraph.frontend.base import Candidates, Picture
+from conegraph.frontend.surround import LEAST_STRENGTH, colours_at
 from conegraph.types import Array
 
 COLUMNS = np.linspace(-0.16, 0.16, 5)
@@ -20,8 +21,6 @@ INSIDE, OUTSIDE = 2, 2
 """Rows above and below the lowest coloured one at which the edge is sought."""
 GROUND_ROWS = 2
 """Rows below those that show the ground."""
-LEAST_CONTRAST = 300.0
-"""Squared difference of colours below which nothing can be told."""
 
 
 def foot_rows(picture: Picture, found: Candidates, middle: Array) -> Array:
@@ -38,9 +37,9 @@ def foot_rows(picture: Picture, found: Candidates, middle: Array) -> Array:
     """
     width = found.box_px[:, 2] - found.box_px[:, 0]
     low = _lowest(found, middle, width)
-    column = np.round(middle[:, None] + COLUMNS * width[:, None]).astype(int)
+    column = middle[:, None] + COLUMNS * width[:, None]
     row = low[:, None] + np.arange(-INSIDE, OUTSIDE + GROUND_ROWS + 1)
-    strip = _colours(picture, row, column)
+    strip = colours_at(picture, row, column)
     ground = strip[:, -GROUND_ROWS:].mean(axis=1)
     inside = strip[:, : INSIDE + 1] - ground[:, None]
     vivid = np.einsum("nrc,nrc->nr", inside, inside).argmax(axis=1)
@@ -50,51 +49,8 @@ def foot_rows(picture: Picture, found: Candidates, middle: Array) -> Array:
     share = np.einsum("nrc,nc->nr", window, contrast)
     share = np.clip(share / np.maximum(strength, 1e-9)[:, None], 0.0, 1.0)
     edge = low - INSIDE - 0.5 + share.sum(axis=1)
-    clear = (strength > LEAST_CONTRAST) & (row[:, -1] < len(picture))
+    clear = (strength > LEAST_STRENGTH) & (row[:, -1] < len(picture))
     return np.where(clear, edge, low + 0.5)
-
-
-def top_shares(
-    picture: Picture, found: Candidates, middle: Array, top: Array, height_px: Array
-) -> Array:
-    """Return how much of a cone's colour (N,) is where its top should be.
-
-    Args:
-        picture: (H, W, 3) RGB.
-        found: cones in it.
-        middle: (N,) columns of their axes.
-        top: (N,) rows where their tops should be.
-        height_px: (N,) their heights.
-    """
-    levels = np.array([0.08, 0.16, 0.24])
-    row = np.round(top[:, None] + levels * height_px[:, None]).astype(int)
-    column = np.round(middle[:, None]).astype(int)
-    above = np.round(top - 0.12 * height_px - 1.5)[:, None].astype(int)
-    beside = _colours(picture, above, column)[:, 0]
-    n = len(found)
-    u, v = found.pixel_uv.T
-    own = picture[v, u].astype(np.float64)
-    own -= own.mean(axis=1, keepdims=True)
-    count = np.maximum(np.bincount(found.owner, minlength=n), 1)
-    cone = np.column_stack(
-        [np.bincount(found.owner, weights=c, minlength=n) / count for c in own.T]
-    )
-    contrast = cone - beside
-    strength = np.maximum(np.einsum("nc,nc->n", contrast, contrast), LEAST_CONTRAST)
-    seen = _colours(picture, row, column) - beside[:, None]
-    share = np.einsum("nrc,nc->nr", seen, contrast) / strength[:, None]
-    best: Array = share.max(axis=1)
-    return best
-
-
-def _colours(picture: Picture, row: Array, column: Array) -> Array:
-    """Return colours (N, R, 3) less their grey: rows (N, R), mean of columns (N, C)."""
-    rows, columns = picture.shape[:2]
-    v = np.clip(row, 0, rows - 1)[:, :, None]
-    u = np.clip(column, 0, columns - 1)[:, None, :]
-    strip = picture[v, u].astype(np.float64).mean(axis=2)
-    coloured: Array = strip - strip.mean(axis=2, keepdims=True)
-    return coloured
 
 
 def _lowest(found: Candidates, middle: Array, width: Array) -> Array:

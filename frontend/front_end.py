@@ -6,14 +6,15 @@ from collections import Counter
 
 import numpy as np
 
-from conegraph.camera import RgbdFrame
+from conegraph.camera import Camera, CameraMount, RgbdFrame
 from conegraph.config import GroundConfig, LocalizationConfig
 from conegraph.frontend.base import Candidates, Detections, Detector, Picture
+from conegraph.frontend.camera import half_fov_rad
 from conegraph.frontend.ground import GroundTracker
 from conegraph.frontend.localize import Places, localize
 from conegraph.frontend.scale import GroundScale
 from conegraph.frontend.sizes import fits, measure_sizes, with_size
-from conegraph.types import ConeObservations, Mask
+from conegraph.types import ConeObservations, Mask, SensorModel
 
 MILLIMETRES_ABOVE_M = 100.0
 """A median depth beyond this is no depth in metres."""
@@ -41,6 +42,23 @@ class RgbdFrontEnd:
         self._localization = localization
         self._range_m = (min_range_m, max_range_m)
         self.rejected: Counter[str] = Counter()
+
+    def sensor(self, camera: Camera, mount: CameraMount) -> SensorModel:
+        """Return how precise and how far it sees with a camera that sits so.
+
+        The range of a cone at r is as uncertain as the row of its foot, by
+        ``r^2 s_v / (f h)`` over level ground, and never better than its foot.
+        """
+        errors, (near, far) = self._localization, self._range_m
+        row = errors.edge_sigma_px / (camera.fy_px * mount.height_m)
+        return SensorModel(
+            np.array([errors.foot_sigma_m, 0.0, row]),
+            errors.center_sigma_px / camera.fx_px,
+            errors.axis_sigma_m,
+            near,
+            far,
+            half_fov_rad(camera),
+        )
 
     def find(self, picture: Picture) -> Candidates:
         """Find cones in a picture alone."""

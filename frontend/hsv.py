@@ -20,6 +20,7 @@ from conegraph.frontend.scale import (
     GroundScale,
 )
 from conegraph.frontend.shape import axis_points, cone_likeness
+from conegraph.frontend.surround import own_colours, side_contrast
 from conegraph.frontend.towers import split_towers
 from conegraph.types import N_CLASSES, Array, ConeClass, IntArray, Mask
 
@@ -69,7 +70,11 @@ class HsvDetector:
         enough = np.bincount(owner, weights=vivid) >= least
         uv = uv + np.array([0, top])
         box = boxes(uv[:, 0], uv[:, 1], owner)
-        score = cone_likeness(box, uv, owner)
+        contrast = side_contrast(
+            picture, box, own_colours(picture, uv, owner, len(box))
+        )
+        stands_out = np.clip(contrast / config.min_contrast - 0.5, 0.0, 1.0)
+        score = cone_likeness(box, uv, owner) * stands_out
         axis = axis_points(box, uv, owner)
         found = Candidates(box, prob, score, uv, owner, axis)
         return found.subset((score > 0) & enough)

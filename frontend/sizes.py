@@ -9,10 +9,10 @@ import numpy as np
 from conegraph.camera import RgbdFrame
 from conegraph.frontend.base import Candidates
 from conegraph.frontend.camera import project, rays
-from conegraph.frontend.foot import top_shares
 from conegraph.frontend.ground import GroundPlane
 from conegraph.frontend.localize import Places
 from conegraph.frontend.scale import BIG_HEIGHT_M, CONE_HEIGHT_M
+from conegraph.frontend.surround import own_colours, top_shares
 from conegraph.types import Array, ConeClass, Mask
 
 HEIGHTS_M = np.array([CONE_HEIGHT_M, BIG_HEIGHT_M])
@@ -58,9 +58,8 @@ def measure_sizes(
     doubtful = np.hypot(edge_m, HEIGHT_SPREAD_M)
     short = height < CONE_HEIGHT_M - doubtful
     top = _tops(frame, places, ground, CONE_HEIGHT_M)
-    share = top_shares(
-        frame.color, found, top[:, 0], top[:, 1], CONE_HEIGHT_M * metre_px
-    )
+    own = own_colours(frame.color, found.pixel_uv, found.owner, len(found))
+    share = top_shares(frame.color, own, top[:, 0], top[:, 1], CONE_HEIGHT_M * metre_px)
     faint = short & (share >= TOP_SHARE)
     height = np.where(faint, CONE_HEIGHT_M, height)
     box = found.box_px.copy()

@@ -10,14 +10,15 @@ reported is the visible surface.
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 
 import cv2
 import numpy as np
 
-from conegraph.camera import RgbdFrame
+from conegraph.camera import Camera, CameraMount, RgbdFrame
 from conegraph.config import ColourRange, HsvThesisConfig
 from conegraph.frontend.base import Candidates, Detections, Picture
-from conegraph.frontend.camera import plane_of_mount, rays, undistorted
+from conegraph.frontend.camera import half_fov_rad, plane_of_mount, rays, undistorted
 from conegraph.frontend.ground import GroundPlane
 from conegraph.types import (
     CLASS_LABELS,
@@ -39,6 +40,16 @@ class ThesisFrontEnd:
         """Take the table of colours and the limits."""
         self._config = config
         self.rejected: Counter[str] = Counter()
+
+    def sensor(self, camera: Camera, mount: CameraMount) -> SensorModel:
+        """Return the noise that is assumed, within the limits of range and lens."""
+        limits = self._config.min_range_m, self._config.max_range_m
+        return replace(
+            NOISE,
+            min_range_m=limits[0],
+            max_range_m=limits[1],
+            half_fov_rad=half_fov_rad(camera),
+        )
 
     def detect(self, frame: RgbdFrame) -> ConeObservations:
         """Return the frame's cones in the car frame."""

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
+from conegraph.frontend.blobs import boxes
 from conegraph.types import Array, IntArray
 
 MIN_HEIGHT_PX = 9
+MIN_WIDTH_M = 0.36
+"""Two cones are wider than this; a small one is not, however its foot is turned."""
 MIN_APART_M = 0.14
 """Tops nearer to each other than this are one cone's."""
 MIN_DIP = 0.30
@@ -31,11 +32,13 @@ def split_towers(
         that it comes from.
     """
     start = np.flatnonzero(np.diff(owner, prepend=-1, append=-1))
+    size = boxes(*pixel_uv.T, owner)
+    width, height = size[:, 2] - size[:, 0], size[:, 3] - size[:, 1]
+    large = (width > MIN_WIDTH_M * px_per_m) & (height >= MIN_HEIGHT_PX)
     made, origin = owner.copy(), list(range(len(px_per_m)))
-    for row, (a, b) in enumerate(pairwise(start)):
+    for row in np.flatnonzero(large).tolist():
+        a, b = start[row], start[row + 1]
         u, v = pixel_uv[a:b].T
-        if np.ptp(v) < MIN_HEIGHT_PX or np.ptp(u) < MIN_APART_M * px_per_m[row]:
-            continue
         cuts = _cuts(u - u.min(), v, MIN_APART_M * px_per_m[row]) + u.min()
         side = np.searchsorted(cuts, u)
         for k in range(1, len(cuts) + 1):

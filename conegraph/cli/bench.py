@@ -5,9 +5,11 @@ from __future__ import annotations
 import typer
 
 from conegraph.cli.bench_backends import backends
+from conegraph.cli.bench_frontend import frontend
 
 app = typer.Typer(
     help="Measure: each verb prints its figures beside what they should be.",
     no_args_is_help=True,
 )
 app.command("backends")(backends)
+app.command("frontend")(frontend)

@@ -37,11 +37,14 @@ class HsvConfig(Section):
     """And whose saturation times value, over 255, is at least this."""
     min_value: Byte = 35
     """Darker pixels are no cone: their hue is noise."""
+    min_contrast: Positive = 0.25
+    """How much a cone's colour, less its grey, must differ from what is beside it, as a
+    share of itself, squared; half as much is none, twice as much is plenty."""
     min_pixels: Annotated[int, Field(ge=1)] = 8
     """Coloured pixels that a cone must have."""
     min_range_m: NonNegative = 0.5
     """Nearer cones are not reported."""
-    max_range_m: Positive = 25.0
+    max_range_m: Positive = 20.0
     """Farther cones are not reported."""
 
 

@@ -1,0 +1,78 @@
+"""``conegraph bench frontend``: pictures to cones, against the renderer's truth."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from conegraph.cli.options import SetOption
+
+if TYPE_CHECKING:
+    from conegraph.bench.figure import Figure
+    from conegraph.config import Config
+
+FIRST_SEED = 9000
+"""Seeds from here on were never looked at while the detector was tuned."""
+
+
+def frontend(
+    seeds: Annotated[int, typer.Option(min=1, help="Courses to render.")] = 6,
+    first_seed: Annotated[
+        int, typer.Option(min=0, help="Seed of the first; tuning used those below 100.")
+    ] = FIRST_SEED,
+    frames: Annotated[
+        int, typer.Option(min=2, help="Pictures of each course in each light.")
+    ] = 12,
+    photos: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="Photographs with YOLO labels (blue, yellow, orange)."
+        ),
+    ] = None,
+    maps: Annotated[
+        bool, typer.Option(help="Also two laps of a course from pictures to maps.")
+    ] = True,
+    backends: Annotated[
+        str, typer.Option(metavar="A,B,…", help="Back ends of the maps.")
+    ] = "ekf,isam2",
+    set_: SetOption = None,
+    json_: Annotated[
+        Path | None,
+        typer.Option("--json", metavar="FILE", help="Write the figures as JSON."),
+    ] = None,
+) -> None:
+    """Render drives, look for their cones and print each figure beside its target."""
+    from conegraph.bench.figure import render_figures
+    from conegraph.bench.frontend import Scenes, front_end_figures, measure_front_end
+    from conegraph.bench.frontend_maps import map_figures
+    from conegraph.cli.progress import progress_bar
+    from conegraph.cli.session import console
+    from conegraph.config import load_config
+    from conegraph.io.plain import to_plain
+
+    config = load_config(None, set_ or [])
+    figures = [] if photos is None else _photos(photos, config)
+    scenes = Scenes(tuple(range(first_seed, first_seed + seeds)), frames=frames)
+    with progress_bar("rendering and looking", len(scenes)) as advance:
+        figures += front_end_figures(measure_front_end(config, scenes, advance))
+    if maps:
+        names = [name.strip() for name in backends.split(",")]
+        with progress_bar("camera to map") as advance:
+            figures += map_figures(first_seed, names, set_ or [], advance)
+    console().print(render_figures(figures, "Front end"))
+    if json_ is not None:
+        text = json.dumps({"figures": to_plain(figures)}, indent=1)
+        json_.write_text(text + "\n", encoding="utf-8")
+
+
+def _photos(folder: Path, config: Config) -> list[Figure]:
+    from conegraph.bench.frontend_photos import photo_figures
+    from conegraph.config import HsvConfig
+
+    detector = config.detector
+    if not isinstance(detector, HsvConfig):
+        raise typer.BadParameter("--photos asks for detector.profile = default")
+    return photo_figures(folder, detector)
