@@ -10,11 +10,21 @@ from conegraph.types import N_CLASSES, Array, ConeMap, IntArray, Mask
 PRIOR = np.array([0.175, 0.175, 0.175, 0.175, 0.3])
 """Class of a cone that nobody looked at: the tie goes to unknown."""
 
-LIKELIHOOD_FLOOR = 0.02
-"""A detector that is sure is still wrong now and then."""
+LIKELIHOOD_FLOOR = 0.06
+"""A detector that is sure is still wrong now and then, some in a row."""
 
 CLASS_LOG_RANGE = 8.0
 """How far the classes' log-probabilities may part, so that they can be revised."""
+
+EDGE_LOOKS = 5.0
+"""Looks that the average of all cones is worth beside a cone's own."""
+
+MISFIT_SHARE = 0.1
+"""Weight of the newest sighting in the running mean of its misfit."""
+
+MISFIT_LIMIT = 6.0
+"""Mean d² of about twenty sightings at which a cone no longer stands where it is
+mapped: that of two degrees of freedom is 2."""
 
 
 class LandmarkBook:
@@ -32,6 +42,9 @@ class LandmarkBook:
         self.xy_m: Array = np.zeros((0, 2))
         self.cov_m2: Array = np.zeros((0, 2, 2))
         self._class_log: Array = np.zeros((0, N_CLASSES))
+        self._looks: Array = np.zeros(0)
+        self._glimpses: Array = np.zeros(0)
+        self._misfit: Array = np.zeros(0)
         self._seen_together: set[tuple[int, int]] = set()
 
     def __len__(self) -> int:
@@ -68,6 +81,9 @@ class LandmarkBook:
         self.truth_id = np.concatenate([self.truth_id, truth_id])
         self.xy_m = np.concatenate([self.xy_m, np.zeros((k, 2))])
         self.cov_m2 = np.concatenate([self.cov_m2, np.zeros((k, 2, 2))])
+        self._looks = np.concatenate([self._looks, np.zeros(k)])
+        self._glimpses = np.concatenate([self._glimpses, np.zeros(k)])
+        self._misfit = np.concatenate([self._misfit, np.full(k, 2.0)])
         prior = np.tile(np.log(PRIOR), (k, 1))
         self._class_log = np.concatenate([self._class_log, prior])
         return np.arange(m, m + k, dtype=np.int64)
@@ -94,16 +110,36 @@ class LandmarkBook:
         top = logs.max(axis=1, keepdims=True)
         self._class_log[row] = np.maximum(logs - top, -CLASS_LOG_RANGE)
 
-    def miss(self, row: IntArray, detection_probability: float) -> None:
-        """Record that the cones in the rows should have been seen and were not."""
+    def miss(self, row: IntArray, detection_probability: Array | float) -> None:
+        """Record that cones should have been seen, with a chance each, and were not."""
         self.log_odds[row] += np.log1p(-detection_probability)
 
+    def look_at_edge(self, row: IntArray, seen: Mask) -> None:
+        """Record which cones (k,) at the edge of the view were seen."""
+        self._looks[row] += 1.0
+        self._glimpses[row] += seen
+
+    def chance_at_edge(self, row: IntArray) -> Array:
+        """(k,) how often each cone shows at the edge of the view.
+
+        Some stand where others hide them, so each is judged by its own past, and
+        by that of all until it has one.
+        """
+        overall = (self._glimpses.sum() + 1.0) / (self._looks.sum() + 2.0)
+        shown = self._glimpses[row] + EDGE_LOOKS * overall
+        chance: Array = shown / (self._looks[row] + EDGE_LOOKS)
+        return chance
+
+    def note_fit(self, row: IntArray, d2: Array) -> None:
+        """Record how far, as d² (k,), cones were seen from where they are mapped."""
+        self._misfit[row] += MISFIT_SHARE * (d2 - self._misfit[row])
+
     def doomed(self) -> Mask:
-        """(M,) cones whose existence is no longer believed."""
+        """(M,) cones whose existence, or place, is no longer believed."""
         c = self._config
         young = self.hits < c.publish_hits
         limit = np.where(young, c.young_delete_log_odds, c.delete_log_odds)
-        return self.log_odds < limit
+        return (self.log_odds < limit) | (self._misfit > MISFIT_LIMIT)
 
     def keep(self, mask: Mask) -> None:
         """Drop the rows whose mask (M,) is False."""
@@ -112,6 +148,8 @@ class LandmarkBook:
         self.last_seen_m = self.last_seen_m[mask]
         self.xy_m, self.cov_m2 = self.xy_m[mask], self.cov_m2[mask]
         self._class_log = self._class_log[mask]
+        self._looks, self._glimpses = self._looks[mask], self._glimpses[mask]
+        self._misfit = self._misfit[mask]
 
     def absorb(self, kept: int, gone: int) -> None:
         """Give a cone the history of another that turned out to be the same."""

@@ -6,12 +6,28 @@ import numpy as np
 
 from conegraph.backends.laps import LapCounter
 from conegraph.backends.local_map import LocalMap
-from conegraph.backends.pairing import ROLE_INDEX, FramePairer, Pairs, overdue
+from conegraph.backends.pairing import (
+    ROLE_INDEX,
+    FramePairer,
+    Pairs,
+    beside_ambiguous,
+    in_view,
+    speaks,
+)
 from conegraph.config import Config
-from conegraph.types import ConeClass, ConeObservations, IntArray, SensorModel
+from conegraph.types import ConeClass, ConeObservations, IntArray, Mask, SensorModel
 
 MERGE_EVERY = 10
 """Frames between searches for cones that were mapped twice."""
+
+CROWDED_M = 25.0
+"""Beyond this, cones hide each other too often for a missing one to mean much."""
+
+EDGE_SHARE = 0.95
+"""Share of the sensor's range up to which a cone's own past says what a miss means."""
+
+TRUST = 0.65
+"""Share of a detection probability that is counted: misses come in runs."""
 
 
 class MapCleaner:
@@ -27,11 +43,53 @@ class MapCleaner:
         self._frames = 0
 
     def missed(self, map_: LocalMap, frame: ConeObservations, pairs: Pairs) -> IntArray:
-        """Slots of cones that this frame speaks against."""
-        config = self._config.landmarks
-        if not config.prune or self._config.association.method == "known":
-            return np.zeros(0, dtype=np.int64)
-        return overdue(map_, self._sensor, frame, pairs, config.view_share)
+        """Weigh a frame's matches; return the slots of cones it speaks against.
+
+        Those are the cones in view that no observation can have been.
+        """
+        config = self._config
+        none = np.zeros(0, dtype=np.int64)
+        known = config.association.method == "known"
+        blind = self._sensor.detection_probability == 0.0
+        if not config.landmarks.prune or known or blind:
+            return none
+        if len(pairs.visible) == 0 or not speaks(pairs):
+            return none
+        slot = pairs.visible
+        slot = slot[in_view(map_, self._sensor, slot, EDGE_SHARE * self._reach_m)]
+        seen = np.isin(slot, pairs.slot)
+        perhaps = beside_ambiguous(map_, frame, pairs, slot[~seen])
+        self._weigh_places(map_, pairs, slot[~seen], perhaps)
+        missed = slot[~seen][perhaps < 0]
+        told = np.concatenate([slot[seen], missed])
+        at_edge = self._at_edge(map_, told)
+        shown = np.arange(len(told)) < seen.sum()
+        map_.book.look_at_edge(map_.row[told[at_edge]], shown[at_edge])
+        return missed
+
+    @property
+    def _reach_m(self) -> float:
+        return min(self._sensor.max_range_m, CROWDED_M)
+
+    def _at_edge(self, map_: LocalMap, slot: IntArray) -> Mask:
+        """(k,) whether cones are farther away than `view_share` of the reach."""
+        xy = map_.filter.cones_in_car_frame()[slot]
+        inner_m = self._config.landmarks.view_share * self._reach_m
+        beyond: Mask = np.hypot(xy[:, 0], xy[:, 1]) > inner_m
+        return beyond
+
+    def _weigh_places(
+        self, map_: LocalMap, pairs: Pairs, slot: IntArray, perhaps: IntArray
+    ) -> None:
+        """Note how well cones stand where they are mapped.
+
+        That is said by those that matched, and by those (slot) beside which an
+        ambiguous observation (perhaps, -1 for none) was made.
+        """
+        sure = np.flatnonzero(pairs.matched & ~pairs.cluster.soft)
+        row = np.concatenate([sure, perhaps[perhaps >= 0]])
+        slots = np.concatenate([pairs.slot[sure], slot[perhaps >= 0]])
+        map_.book.note_fit(map_.row[slots], pairs.d2[row])
 
     def clean(
         self, map_: LocalMap, missed: IntArray, laps: LapCounter
@@ -44,10 +102,11 @@ class MapCleaner:
         book = map_.book
         assumed = self._config.landmarks.assumed_detection_probability
         reported = self._sensor.detection_probability
-        chance = assumed if reported is None else min(assumed, 0.65 * reported)
-        book.miss(map_.row[missed], chance)
-        doomed = missed[book.doomed()[map_.row[missed]]]
-        map_.remove(doomed)
+        inner = assumed if reported is None else min(assumed, TRUST * reported)
+        row = map_.row[missed]
+        edge = TRUST * book.chance_at_edge(row)
+        book.miss(row, np.where(self._at_edge(map_, missed), edge, inner))
+        map_.remove(np.flatnonzero(book.doomed()[map_.row]).astype(np.int64))
         self._frames += 1
         merged: tuple[tuple[int, int], ...] = ()
         if self._frames % MERGE_EVERY == 0:

@@ -46,8 +46,8 @@ RESCUE = 24.0
 MAX_DOUBLINGS = 8
 """How often that factor doubles at most."""
 
-CROWDED_M = 25.0
-"""Beyond this, cones hide each other too often for a missing one to mean much."""
+BESIDE_M = 1.0
+"""An ambiguous observation nearer than this may have been the cone."""
 
 ROLE_INDEX = {"left": 0, "right": 1, "start": 2, "none": 3}
 
@@ -260,32 +260,31 @@ class FramePairer:
         )
 
 
-def overdue(
-    map_: LocalMap,
-    sensor: SensorModel,
-    frame: ConeObservations,
-    pairs: Pairs,
-    view_share: float,
-) -> IntArray:
-    """Slots of cones well inside the view that no observation can have been.
-
-    Only frames in which at least half of the cones matched say anything, and an
-    ambiguous observation within a metre speaks for a cone.
-    """
-    slot = pairs.visible
+def speaks(pairs: Pairs) -> bool:
+    """Whether so many cones matched that a missing one means something."""
     settled = pairs.matched | pairs.ambiguous
-    if len(slot) == 0 or pairs.matched.sum() < 0.5 * max(1, settled.sum()):
-        return np.zeros(0, dtype=np.int64)
+    return bool(pairs.matched.sum() >= 0.5 * max(1, settled.sum()))
+
+
+def in_view(
+    map_: LocalMap, sensor: SensorModel, slot: IntArray, reach_m: float
+) -> Mask:
+    """(k,) whether cones lie well inside the sensor's view and reach."""
     xy = map_.filter.cones_in_car_frame()[slot]
     range_m = np.hypot(xy[:, 0], xy[:, 1])
     bearing = np.abs(np.arctan2(xy[:, 1], xy[:, 0]))
-    inside = (
-        (range_m < view_share * min(sensor.max_range_m, CROWDED_M))
-        & (range_m > sensor.min_range_m + 1.0)
-        & (bearing < sensor.half_fov_rad - 0.06)
-    )
-    inside &= ~np.isin(slot, pairs.slot)
-    near = frame.xy_m[pairs.ambiguous]
-    gap = np.linalg.norm(xy[:, None] - near, axis=2)
-    alone: Mask = inside & (gap.min(axis=1, initial=np.inf) > 1.0)
-    return slot[alone].astype(np.int64)
+    inside: Mask = (range_m < reach_m) & (range_m > sensor.min_range_m + 1.0)
+    return inside & (bearing < sensor.half_fov_rad - 0.06)
+
+
+def beside_ambiguous(
+    map_: LocalMap, frame: ConeObservations, pairs: Pairs, slot: IntArray
+) -> IntArray:
+    """(k,) the ambiguous observation within a metre of each cone, -1 for none."""
+    row = np.flatnonzero(pairs.ambiguous)
+    if len(row) == 0:
+        return np.full(len(slot), -1, dtype=np.int64)
+    xy = map_.filter.cones_in_car_frame()[slot]
+    gap = np.linalg.norm(xy[:, None] - frame.xy_m[row], axis=2)
+    near = gap.min(axis=1) <= BESIDE_M
+    return np.where(near, row[gap.argmin(axis=1)], -1).astype(np.int64)

@@ -61,9 +61,9 @@ def test_ids_are_given_once() -> None:
 def test_one_sure_sighting_names_the_colour(named: ConeClass) -> None:
     book = book_of(report(named))
     assert likeliest(book)[0] == named
-    # Bayes: 0.175 (0.9 + 0.025/4) against 0.175 (0.025 + 0.025/4) for the three
-    # others and 0.3 / 4 for unknown.
-    weight = np.full(5, 0.175 * (0.025 + 0.025 / 4))
+    # Bayes: 0.175 (0.9 + 0.025/4) against 0.3 / 4 for unknown and, for the three
+    # others, 0.175 times the floor, which is above 0.025 + 0.025/4.
+    weight = np.full(5, 0.175 * LIKELIHOOD_FLOOR)
     weight[named], weight[4] = 0.175 * (0.9 + 0.025 / 4), 0.3 / 4
     np.testing.assert_allclose(book.class_prob[0], weight / weight.sum())
 
@@ -88,8 +88,8 @@ def test_a_fifth_of_flipped_colours_does_not_matter_in_the_end(seed: int) -> Non
     for wrong in flipped.tolist():
         named = ConeClass.YELLOW if wrong else ConeClass.BLUE
         book.hit(rows(0), report(named), 0.0)
-    # The last ten are right, each worth log((0.9 + 0.025/4)/(0.025 + 0.025/4)),
-    # about 3.4, against a range of 8 that is all the memory there is.
+    # The last ten are right, each worth log((0.9 + 0.025/4)/0.06), about 2.7,
+    # against a range of 8 that is all the memory there is.
     assert likeliest(book)[0] == ConeClass.BLUE
 
 
@@ -97,7 +97,7 @@ def test_a_wrong_colour_can_be_revised_after_any_time() -> None:
     book = book_of(report(ConeClass.YELLOW))
     for _ in range(1000):
         book.hit(rows(0), report(ConeClass.YELLOW), 0.0)
-    ratio = np.log((0.9 + 0.025 / 4) / (0.025 + 0.025 / 4))
+    ratio = np.log((0.9 + 0.025 / 4) / LIKELIHOOD_FLOOR)
     needed = int(np.ceil(CLASS_LOG_RANGE / ratio))
     for _ in range(needed + 1):
         book.hit(rows(0), report(ConeClass.BLUE), 0.0)
@@ -216,3 +216,40 @@ def test_near_cones_in_one_frame_are_remembered_as_two() -> None:
     book.keep(np.array([False, True, True]))
     # Rows have moved up, ids have not.
     assert not book.seen_together(0, 1)
+
+
+def test_the_colour_survives_two_wrong_names_of_five() -> None:
+    # Beside "unknown", a right name is worth log(0.906 / 0.25) = 1.29 and a wrong one
+    # log(0.06 / 0.25) = -1.43: 3 of 5 right still rise, by 1.01.
+    book = book_of(report(ConeClass.BIG_ORANGE))
+    for named in [3, 0, 3, 1, 3] * 8:
+        book.hit(rows(0), report(ConeClass(named)), 0.0)
+    assert likeliest(book)[0] == ConeClass.BIG_ORANGE
+
+
+def test_at_the_edge_of_the_view_each_cone_is_judged_by_its_own_past() -> None:
+    book = book_of(report(ConeClass.BLUE), report(ConeClass.BLUE))
+    # Nobody has looked yet: (0 + 1) / (0 + 2).
+    np.testing.assert_allclose(book.chance_at_edge(rows(0, 1)), 0.5)
+    for n in range(20):
+        book.look_at_edge(rows(0, 1), np.array([True, n % 4 == 0]))
+    overall = (25 + 1) / (40 + 2)
+    np.testing.assert_allclose(
+        book.chance_at_edge(rows(0, 1)),
+        [(20 + 5 * overall) / 25, (5 + 5 * overall) / 25],
+    )
+
+
+def test_a_cone_that_stands_elsewhere_is_given_up() -> None:
+    book = book_of(report(ConeClass.BLUE), report(ConeClass.BLUE))
+    for _ in range(50):
+        book.note_fit(rows(0, 1), np.array([4.0, 10.0]))
+    # Means of 4 and 10 where 2 is expected and 6 the limit.
+    assert book.doomed().tolist() == [False, True]
+    # From 2 towards 10 by a tenth: 10 - 8 * 0.9^n passes 6 after seven sightings.
+    fresh = book_of(report(ConeClass.BLUE))
+    for _ in range(6):
+        fresh.note_fit(rows(0), np.array([10.0]))
+    assert not fresh.doomed()[0]
+    fresh.note_fit(rows(0), np.array([10.0]))
+    assert fresh.doomed()[0]
