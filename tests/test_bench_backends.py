@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from conegraph.bench.latency_figures import latency_figures
 from conegraph.bench.memory import PeakMemory
 from conegraph.bench.plan import ACCURACY, KNOWN, LONG, LONG_LAPS, SIZES, Plan
 from conegraph.bench.rows import CostRow, Job, LapRow, ReferenceRow, RunRow
+from conegraph.bench.run import as_they_came
 from conegraph.bench.run_log import RunLog
 from conegraph.bench.runner import RowFile, reference_of, run_one
 from conegraph.bench.streams import Stream, drives, sized_course, track_names
@@ -23,7 +25,13 @@ from conegraph.bench.worker import Task
 from conegraph.cli import main
 from conegraph.errors import SourceError
 from conegraph.sources import open_source
-from conegraph.types import Recording
+from conegraph.types import (
+    Associations,
+    ConeObservations,
+    Estimate,
+    FrameRecord,
+    Recording,
+)
 
 STREAM = Stream(track="oval", laps=1, sensor="lidar")
 JOB = Job(group=ACCURACY, stream=STREAM, backend="ekf")
@@ -301,3 +309,18 @@ def test_a_wrong_option_is_named(capsys: pytest.CaptureFixture[str]) -> None:
             main(["bench", "backends", option, value])
         assert ended.value.code == 2
         assert option in capsys.readouterr().err
+
+
+def test_frames_of_a_live_run_come_when_they_were_seen() -> None:
+    records = [
+        FrameRecord(
+            ConeObservations(stamp_s, np.zeros(0), np.zeros(0), np.zeros(0)),
+            Associations(stamp_s, (), np.zeros(0, dtype=np.int64), np.zeros(0)),
+            Estimate(stamp_s, np.zeros(3), np.eye(3), np.zeros(2)),
+        )
+        for stamp_s in (5.0, 5.1, 5.2, 5.3)
+    ]
+    began = time.perf_counter()
+    assert list(as_they_came(iter(records))) == records
+    # The first frame starts the clock, and the last is followed by one step more.
+    assert time.perf_counter() - began >= 0.39

@@ -22,8 +22,8 @@ USUAL_CONES, MANY_CONES = 225, 400
 COST_CONES = (100, 200, 400, 800)
 ROBOTS = (1, 2, 3)
 
-LATENCY_SETTINGS: dict[str, tuple[str, ...]] = {}
-"""Overrides by back end in runs whose frame times count."""
+LATENCY_SETTINGS = {"isam2": ("backend.mapping=process",)}
+"""Overrides by back end in runs whose frame times count; those run as they came."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,9 +100,13 @@ class Plan:
     def _long(self) -> Iterator[Job]:
         for backend in self.backends:
             settings = LATENCY_SETTINGS.get(backend, ())
-            long, large = _sized(USUAL_CONES, LONG_LAPS), _sized(MANY_CONES, 2)
-            yield self._job(LONG, long, backend, settings)
-            yield self._job(LARGE, large, backend, settings)
+            live = {"live": backend in LATENCY_SETTINGS}
+            for group, stream in (
+                (LONG, _sized(USUAL_CONES, LONG_LAPS)),
+                (LARGE, _sized(MANY_CONES, 2)),
+            ):
+                job = self._job(group, stream, backend, settings)
+                yield job.model_copy(update=live)
 
     def _job(
         self, group: str, stream: Stream, backend: str, extra: tuple[str, ...] = ()

@@ -31,12 +31,15 @@ class Job(Row):
         backend: kind, or ``kind/profile``; ``reference`` is the batch optimum, and
             ``cost`` the time that the EKF takes on a given map.
         settings: ``KEY=VALUE`` overrides of the configuration.
+        live: whether frames come when they were seen, and not as fast as they can be
+            taken: a mapper beside the frame path needs the time between frames.
     """
 
     group: str
     stream: Stream
     backend: str
     settings: tuple[str, ...] = ()
+    live: bool = False
 
     @property
     def key(self) -> str:

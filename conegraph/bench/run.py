@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from conegraph.eval.consistency import pose_consistency
 from conegraph.eval.reference_graph import StartFrameTruth, truth_of
 from conegraph.eval.trajectory_metrics import pair_with_truth, trajectory_metrics
 from conegraph.pipeline import Pipeline
-from conegraph.types import ConeMap, Recording
+from conegraph.types import ConeMap, FrameRecord, Recording
 
 CLOSURE_BEFORE_S = 6.0
 """A lidar sees the start cones some seconds before the car is at the line."""
@@ -40,13 +40,14 @@ def measure(job: Job, recording: Recording, reference: ReferenceRow) -> RunRow:
         ValueError: the recording does not know the truth.
     """
     began = time.perf_counter()
-    ends = true_lap_ends(recording)
+    ends = () if job.stream.recorded else true_lap_ends(recording)
     pipeline = Pipeline(load_config(None, job.settings, backend=job.backend), recording)
     log, memory, peaks, maps = RunLog(), PeakMemory(), list[float](), list[ConeMap]()
     gc.collect()
     memory.take_mb()
     start_mb = memory.take_mb()
-    for record in pipeline.records():
+    records = pipeline.records()
+    for record in as_they_came(records) if job.live else records:
         log.add(record, len(maps) + 1)
         if len(maps) < len(ends) and record.observations.stamp_s >= ends[len(maps)]:
             peaks.append(memory.take_mb())
@@ -73,6 +74,20 @@ def measure(job: Job, recording: Recording, reference: ReferenceRow) -> RunRow:
         start_mb=start_mb,
         wall_s=wall_s,
     ).model_copy(update=figures)
+
+
+def as_they_came(records: Iterator[FrameRecord]) -> Iterator[FrameRecord]:
+    """Yield records, waiting after each until the next could have been seen."""
+    before_s = offset_s = None
+    for record in records:
+        stamp_s = record.observations.stamp_s
+        step_s = 0.0 if before_s is None else stamp_s - before_s
+        if offset_s is None:
+            offset_s = time.perf_counter() - stamp_s
+        yield record
+        # The next frame comes about as long after this one as this after the last.
+        time.sleep(max(offset_s + stamp_s + step_s - time.perf_counter(), 0.0))
+        before_s = stamp_s
 
 
 def _judge_of(recording: Recording) -> MapJudge:
