@@ -6,7 +6,14 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from conegraph.bench.figure import Figure, at_most, not_measured
+from conegraph.bench.figure import (
+    Figure,
+    at_least,
+    at_most,
+    near_one,
+    none_of,
+    not_measured,
+)
 from conegraph.bench.plan import (
     ACCURACY,
     KNOWN,
@@ -164,36 +171,19 @@ def _completeness(runs: Sequence[RunRow]) -> list[Figure]:
     figures = []
     for backend in (EKF, ISAM2):
         rows = of([*in_group(runs, ACCURACY), *in_group(runs, STRESS)], backend)
+        ended = [run for run in rows if not run.reason]
         precision = [run.precision for run in rows]
         recall = [run.recall for run in rows]
         figures += [
-            _at_least(f"{backend}: cone precision, mean of runs", precision, 0.99),
-            _at_least(f"{backend}: cone recall, mean of runs", recall, 0.99),
-            _none(f"{backend}: duplicates", [run.duplicates for run in rows]),
-            _none(f"{backend}: false closures", [run.false_closures for run in rows]),
-            _closures(f"{backend}: closures within 1 s of the start line", rows),
+            at_least(f"{backend}: cone precision, mean of runs", precision, 0.99),
+            at_least(f"{backend}: cone recall, mean of runs", recall, 0.99),
+            none_of(f"{backend}: duplicates", [run.duplicates for run in ended]),
+            none_of(
+                f"{backend}: false closures", [run.false_closures for run in ended]
+            ),
+            _closures(f"{backend}: closures within 1 s of the start line", ended),
         ]
     return figures
-
-
-def _at_least(name: str, values: Sequence[float], limit: float) -> Figure:
-    target = f"≥ {limit:g}"
-    if len(values) == 0:
-        return not_measured(name, target)
-    shares = np.nan_to_num(np.array(values), nan=0.0)
-    mean, worst = float(shares.mean()), float(shares.min())
-    found = {"mean": mean, "worst": worst, "n": float(len(shares))}
-    measured = f"{mean:.4f} (worst {worst:.3f}, n {len(shares)})"
-    return Figure(name, target, measured, mean >= limit, found)
-
-
-def _none(name: str, counts: Sequence[int]) -> Figure:
-    if len(counts) == 0:
-        return not_measured(name, "0")
-    total, runs = sum(counts), sum(count > 0 for count in counts)
-    measured = f"{total} (in {runs} of {len(counts)} runs)"
-    found = {"total": float(total), "runs": float(runs), "n": float(len(counts))}
-    return Figure(name, "0", measured, total == 0, found)
 
 
 def _closures(name: str, rows: Sequence[RunRow]) -> Figure:
@@ -210,24 +200,10 @@ def _consistency(plain: Sequence[RunRow]) -> list[Figure]:
     for backend in (EKF, ISAM2):
         rows = of(plain, backend)
         figures += [
-            _near_one(f"{backend}: pose NEES/dof", [r.pose_nees for r in rows]),
-            _near_one(f"{backend}: map NEES/dof", [r.map_nees for r in rows]),
+            near_one(f"{backend}: pose NEES/dof", [r.pose_nees for r in rows]),
+            near_one(f"{backend}: map NEES/dof", [r.map_nees for r in rows]),
         ]
     return figures
-
-
-def _near_one(name: str, values: Sequence[float]) -> Figure:
-    """Return a mean over independent runs, which chi² says should be one."""
-    target = "0.8 to 1.25"
-    known = np.array([value for value in values if np.isfinite(value)])
-    if len(known) == 0:
-        return not_measured(name, target)
-    mean, median = float(known.mean()), float(np.median(known))
-    found = {"mean": mean, "median": median, "worst": float(known.max())}
-    measured = (
-        f"{mean:.3g} (median {median:.3g}, worst {known.max():.3g}, n {len(known)})"
-    )
-    return Figure(name, target, measured, 0.8 <= mean <= 1.25, found)
 
 
 def _robustness(runs: Sequence[RunRow]) -> list[Figure]:
@@ -236,7 +212,7 @@ def _robustness(runs: Sequence[RunRow]) -> list[Figure]:
         for group, what in ((ACCURACY, "all streams"), (STRESS, "with colour errors")):
             rows = of(in_group(runs, group), backend)
             name = f"{backend}: divergences, {what}"
-            figures.append(_none(name, [int(run.diverged) for run in rows]))
+            figures.append(none_of(name, [int(run.diverged) for run in rows]))
     return figures
 
 

@@ -50,6 +50,42 @@ def at_most(name: str, values: Sequence[float], limit: float) -> Figure:
     return Figure(name, target, measured, median <= limit, found)
 
 
+def at_least(name: str, values: Sequence[float], limit: float) -> Figure:
+    """Return a figure whose mean must reach a limit; what is not known counts as 0."""
+    target = f"≥ {limit:g}"
+    if len(values) == 0:
+        return not_measured(name, target)
+    shares = np.nan_to_num(np.array(values), nan=0.0)
+    mean, worst = float(shares.mean()), float(shares.min())
+    found = {"mean": mean, "worst": worst, "n": float(len(shares))}
+    measured = f"{mean:.4f} (worst {worst:.3f}, n {len(shares)})"
+    return Figure(name, target, measured, mean >= limit, found)
+
+
+def none_of(name: str, counts: Sequence[int]) -> Figure:
+    """Return a figure that counts what should never happen, over runs."""
+    if len(counts) == 0:
+        return not_measured(name, "0")
+    total, runs = sum(counts), sum(count > 0 for count in counts)
+    measured = f"{total} (in {runs} of {len(counts)} runs)"
+    found = {"total": float(total), "runs": float(runs), "n": float(len(counts))}
+    return Figure(name, "0", measured, total == 0, found)
+
+
+def near_one(name: str, values: Sequence[float]) -> Figure:
+    """Return a mean over independent runs, which chi² says should be one."""
+    target = "0.8 to 1.25"
+    known = np.array([value for value in values if np.isfinite(value)])
+    if len(known) == 0:
+        return not_measured(name, target)
+    mean, median = float(known.mean()), float(np.median(known))
+    found = {"mean": mean, "median": median, "worst": float(known.max())}
+    measured = (
+        f"{mean:.3g} (median {median:.3g}, worst {known.max():.3g}, n {len(known)})"
+    )
+    return Figure(name, target, measured, 0.8 <= mean <= 1.25, found)
+
+
 def render_figures(figures: Sequence[Figure], title: str) -> Table:
     """Return a table for the terminal: figure, target, measured, met or not."""
     table = Table(title=title, title_justify="left")

@@ -67,7 +67,8 @@ def backends(
         typer.Option(
             metavar="DIR",
             file_okay=False,
-            help="Folder of the rows; what is in it already is not run again.",
+            help="Folder of the rows; what is in it already is not run again, so "
+            "take a new one for another version.",
         ),
     ] = None,
 ) -> None:
