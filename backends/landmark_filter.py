@@ -108,10 +108,14 @@ class LandmarkFilter:
         self._P[:NV, :NV] = rows[:, :NV] @ step.F.T + step.Q
 
     def place_car(self, pose: Array, cov: Array) -> None:
-        """Set the pose (3,) with covariance (3, 3), independent of the cones."""
-        self._x[:3] = pose
-        self._P[:3], self._P[:, :3] = 0.0, 0.0
-        self._P[:3, :3] = cov
+        """Set the pose (3,), or the state (6,), with its covariance.
+
+        It is then independent of the cones.
+        """
+        n = len(pose)
+        self._x[:n] = pose
+        self._P[:n], self._P[:, :n] = 0.0, 0.0
+        self._P[:n, :n] = cov
 
     def inflate(self, Q: Array) -> None:
         """Add noise (6, 6) to the car."""

@@ -60,6 +60,15 @@ class LapCounter:
         middle = 0.5 * (left.mean(axis=0) + right.mean(axis=0))
         self.gate = Gate(middle, np.array([across[1], -across[0]]) / width)
 
+    @property
+    def count(self) -> int:
+        """How many laps are completed."""
+        return self._laps
+
+    def interrupt(self) -> None:
+        """Forget the last pose: from it to the next no line is crossed."""
+        self._previous = None
+
     def advance(self, stamp_s: float, pose: Array, moved_m: float) -> Lap | None:
         """Take the next pose; return the lap if the gate was crossed to end one.
 

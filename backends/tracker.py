@@ -26,11 +26,13 @@ from conegraph.backends.health import HealthMonitor
 from conegraph.backends.landmark_filter import Innovation
 from conegraph.backends.laps import LapCounter
 from conegraph.backends.local_map import TOGETHER_M, LocalMap
+from conegraph.backends.local_window import LocalWindow, window_config
 from conegraph.backends.map_cleaner import MapCleaner
 from conegraph.backends.pairing import (
     FramePairer,
     Pairs,
 )
+from conegraph.backends.recovery import Recovery, no_pairs
 from conegraph.backends.sensor_noise import effective_sensor, transport_covariance
 from conegraph.backends.tracked_frame import TrackedFrame
 from conegraph.backends.velocity import cone_velocity
@@ -45,6 +47,7 @@ from conegraph.types import (
     IntArray,
     MatchStatus,
     SensorModel,
+    Status,
     VelocityObservation,
 )
 
@@ -91,6 +94,15 @@ class Tracker:
         self._closures = ClosureWatch(config.start_line, self._pairer)
         self._health = HealthMonitor(config.status)
         self._consistency = ConsistencyMonitor(config.status)
+        self._recovery = Recovery(
+            config,
+            self.sensor,
+            known_map,
+            add_cones=add_cones,
+            make_window=lambda: LocalWindow(
+                Tracker(window_config(config), self.sensor)
+            ),
+        )
         self._asked_s = -np.inf
         self.last_frame: ConeObservations | None = None
         self.last_ids: IntArray = np.zeros(0, dtype=np.int64)
@@ -114,6 +126,7 @@ class Tracker:
         accepted = self.gate.velocity(sample)
         if accepted is not None:
             self.motion.queue.push(accepted)
+            self._recovery.velocity(accepted)
             self.predict(accepted.stamp_s)
 
     def observe_cones(self, frame: ConeObservations) -> Associations | None:
@@ -127,11 +140,13 @@ class Tracker:
         before_s = self.motion.stamp_s
         moved_m = self.motion.advance(self.map.filter, accepted.stamp_s)
         dt_s = 0.0 if before_s is None else accepted.stamp_s - before_s
+        self._recover(accepted, moved_m)
         ticks.append(time.perf_counter())
         pairs, closure = self._pair(accepted)
         ticks.append(time.perf_counter())
         seen = self._settle(accepted, pairs, dt_s)
         ticks.append(time.perf_counter())
+        self._recovery.watch(self.map, accepted, whole_map=self.laps.count > 0)
         result = self._keep_map(accepted, pairs, seen, closure.accepted)
         lap = self.laps.advance(accepted.stamp_s, self.map.filter.vehicle, moved_m)
         ticks.append(time.perf_counter())
@@ -147,9 +162,22 @@ class Tracker:
         )
         return result
 
+    def _recover(self, frame: ConeObservations, moved_m: float) -> None:
+        """Look for a car that is lost, and start anew where it is found."""
+        self.map = self._recovery.search(self.map, frame, moved_m)
+        if self._recovery.jumped:
+            self.motion.take_noise()
+        if self._recovery.jumped or self._recovery.lost:
+            self.laps.interrupt()
+
+    def _judge(self, stamp_s: float) -> tuple[Status, str]:
+        """Return how far the estimate can be trusted, and why."""
+        judged = self._health.judge(stamp_s, self.motion.queue.newest_s)
+        return self._recovery.verdict() or judged
+
     def _reason(self, stamp_s: float, consistency: Consistency) -> str:
         """Say why the status is what it is, and what else is wrong."""
-        reason = self._health.judge(stamp_s, self.motion.queue.newest_s)[1]
+        reason = self._judge(stamp_s)[1]
         if not consistency.overconfident:
             return reason
         ratio = f"NIS/dof {consistency.nis_per_dof:.1f} over {WINDOW_S:g} s"
@@ -157,6 +185,8 @@ class Tracker:
 
     def _pair(self, frame: ConeObservations) -> tuple[Pairs, ClosureResult]:
         """Associate a frame; a loop closure corrects the filter on the way."""
+        if self._recovery.lost:
+            return no_pairs(len(frame)), ClosureResult()
         pairs = self._pairer.pair(self.map, frame, self.motion.noise)
         if self._config.start_line.forced:
             pairs = forced_start_pairs(self._pairer, self.map, frame, pairs)
@@ -183,8 +213,15 @@ class Tracker:
             step = self.motion.look_ahead(state, self._asked_s)
             state, cov = step.state, step.F @ cov @ step.F.T + step.Q
             stamp_s = self._asked_s
-        status, _ = self._health.judge(stamp_s, self.motion.queue.newest_s)
-        return Estimate(stamp_s, state[:3], cov[:3, :3], state[3:5], status)
+        status, _ = self._judge(stamp_s)
+        return Estimate(
+            stamp_s,
+            state[:3],
+            cov[:3, :3],
+            state[3:5],
+            status,
+            self._recovery.resets,
+        )
 
     def _correct(self, xy_m: Array, cov_m2: Array, slot: IntArray) -> None:
         self.map.filter.update_cones(slot, xy_m, cov_m2, self._noise_model())
@@ -263,7 +300,8 @@ class Tracker:
         returned = driven_m - book.last_seen_m[book_row] > RETURN_M
         book.hit(book_row, frame.class_prob[row], driven_m)
         missed = self._cleaner.missed(map_, frame, pairs)
-        born = np.flatnonzero(pairs.birth & self._add_cones)
+        trusted = self._recovery.trusted
+        born = np.flatnonzero(pairs.birth & self._add_cones & trusted)
         self._pairer.note_appearances(len(born), int(returned.sum()))
         slot = pairs.slot.copy()
         slot[born] = map_.add(frame.subset(born), driven_m)
@@ -278,7 +316,7 @@ class Tracker:
         status[row[confirmed]] = 3
         status[born] = 4
         # A pair that may be wrong corrects the filter; the graph would keep it.
-        sure = has_id & ~pairs.cluster.soft
+        sure = has_id & ~pairs.cluster.soft & trusted
         noise = self._noise_of(frame, np.where(sure, slot, -1))
         state, speed_cov = map_.filter.vehicle, map_.filter.vehicle_cov[3:5, 3:5]
         known = book.id
@@ -295,9 +333,10 @@ class Tracker:
             frame.xy_m[sure],
             noise + pairs.cluster.spread_m2[sure],
             pairs.vague[sure],
-            closure,
+            closure or self._recovery.jumped,
             merged,
             tuple(sorted(deleted)),
+            self._recovery.jumped,
         )
         self.last_frame, self.last_ids = frame, ids
         d2 = np.where(np.isfinite(pairs.d2), pairs.d2, np.nan)

@@ -6,6 +6,7 @@ import typer
 
 from conegraph.cli.bench_backends import backends
 from conegraph.cli.bench_frontend import frontend
+from conegraph.cli.bench_relocalisation import relocalisation
 
 app = typer.Typer(
     help="Measure: each verb prints its figures beside what they should be.",
@@ -13,3 +14,4 @@ app = typer.Typer(
 )
 app.command("backends")(backends)
 app.command("frontend")(frontend)
+app.command("relocalisation")(relocalisation)

@@ -40,6 +40,7 @@ THESIS: Tree = {
     },
     "start_line": {"forced": True},
     "sensor": {"noise_at": "measured"},
+    "recovery": {"enabled": False},
 }
 """What the thesis does differently, laid under the user's own keys.
 

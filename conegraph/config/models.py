@@ -221,6 +221,24 @@ class StatusConfig(Section):
     above chance, are reported as overconfident."""
 
 
+class RecoveryConfig(Section):
+    """Noticing that the car is lost, and finding it again on the map."""
+
+    enabled: bool = True
+    """Whether a car that is carried away, or starts anywhere on a given map, is
+    looked for."""
+    accept_probability: Probability = 0.99
+    """Least probability of the best pose on the map."""
+    reset_probability: Probability = 0.999
+    """The same to move the car at once; below, a second search must agree."""
+    min_inliers: Annotated[int, Field(ge=3)] = 6
+    """Least number of cones that must lie on the map."""
+    search_period_s: Positive = 0.25
+    """Time between searches while lost."""
+    lost_share: Annotated[float, Field(gt=0, lt=1)] = 0.5
+    """Share of cones that fit the map below which the car is lost."""
+
+
 class ViewerConfig(Section):
     """What is sent to the Rerun viewer."""
 
@@ -272,6 +290,8 @@ class Config(Section):
     """Validation of the stream."""
     status: StatusConfig = StatusConfig()
     """Health of the estimate."""
+    recovery: RecoveryConfig = RecoveryConfig()
+    """Noticing that the car is lost, and finding it again."""
     viewer: ViewerConfig = ViewerConfig()
     """Rerun."""
     roles: Roles = Roles()

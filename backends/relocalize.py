@@ -1,0 +1,244 @@
+"""Finding the car in a cone map without knowing where it was.
+
+Constellations of cones are recognised by geometry and colour: poses that lay two
+seen cones on two of the map are scored, refined and weighed against each other and
+against "none of them". The answer may be "I do not know", and where a track looks
+the same in two places it is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from conegraph.backends.cone_index import ConeIndex
+from conegraph.backends.pose_candidates import candidate_poses
+from conegraph.backends.pose_score import (
+    MAP_SIGMA_M,
+    ScoredPoses,
+    coarse_score,
+    refine,
+)
+from conegraph.backends.sightings import Sightings
+from conegraph.geometry import between
+from conegraph.types import (
+    Array,
+    ConeMap,
+    ConeObservations,
+    IntArray,
+    Mask,
+    SensorModel,
+)
+
+REFINED = 40
+"""Candidates that are refined."""
+
+LOOKED_AT = 8 * REFINED
+"""Best candidates among which these are chosen, one a place."""
+
+SAME_M, SAME_RAD = 1.0, 0.15
+"""Poses nearer to each other than this are one hypothesis."""
+
+GRID_M, GRID_RAD = 0.6, 0.1
+"""Cells of which only the best candidate is refined."""
+
+MOST_HYPOTHESES = 10
+
+SHORT_SIGHTED_M = 20.0
+"""A sensor that sees no farther than this makes shorter pairs."""
+
+
+@dataclass(frozen=True, slots=True)
+class RelocaliserConfig:
+    """When the car counts as found.
+
+    Attributes:
+        accept_probability: least probability of the best hypothesis.
+        min_inliers: least number of sightings that show a cone of the map.
+        temperature: exponent on likelihoods: errors of sightings are not
+            independent, and models not exact.
+        nothing: log-likelihood of "the car is nowhere on this map", beside its share
+            for each sighting.
+        nothing_per_sighting: that share; a crowd of cones fits something by chance.
+        margin: log-likelihood by which a hypothesis must lead to verify a closure.
+    """
+
+    accept_probability: float = 0.99
+    min_inliers: int = 6
+    temperature: float = 0.45
+    nothing: float = 8.0
+    nothing_per_sighting: float = 1.5
+    margin: float = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Hypothesis:
+    """A pose that may be the car's.
+
+    Attributes:
+        pose: (3,) in the map's frame.
+        cov: (3, 3) its covariance, if it is the right one.
+        log_likelihood: over "all that is seen is clutter".
+        probability: that it is the car's pose, rather than another or none.
+        row: (k,) sightings that show a cone.
+        cone: (k,) the cones' rows in the map.
+    """
+
+    pose: Array
+    cov: Array
+    log_likelihood: float
+    probability: float
+    row: IntArray
+    cone: IntArray
+
+
+@dataclass(frozen=True, slots=True)
+class Relocalisation:
+    """What a search found.
+
+    Attributes:
+        hypotheses: the best, most probable first.
+        accepted: whether the first may be relied on.
+        reason: why, or why not.
+    """
+
+    hypotheses: tuple[Hypothesis, ...] = ()
+    accepted: bool = False
+    reason: str = ""
+
+    @property
+    def best(self) -> Hypothesis | None:
+        """The most probable hypothesis, None if there is none."""
+        return self.hypotheses[0] if self.hypotheses else None
+
+    @property
+    def probability(self) -> float:
+        """Probability of the best hypothesis, 0 without any."""
+        return self.hypotheses[0].probability if self.hypotheses else 0.0
+
+    @property
+    def inliers(self) -> int:
+        """Sightings that show a cone of the map, under the best hypothesis."""
+        return len(self.hypotheses[0].row) if self.hypotheses else 0
+
+
+@dataclass(frozen=True)
+class Relocaliser:
+    """A cone map prepared for being recognised; holds no state beside it.
+
+    Attributes:
+        cone_map: the map.
+        sensor: what the sensor sees, for what it should have seen.
+        config: when the car counts as found.
+    """
+
+    cone_map: ConeMap
+    sensor: SensorModel
+    config: RelocaliserConfig = RelocaliserConfig()
+    _index: ConeIndex = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        pair_m = 12.0 if self.sensor.max_range_m < SHORT_SIGHTED_M else 18.0
+        if len(self.cone_map):
+            object.__setattr__(self, "_index", ConeIndex(self.cone_map, pair_m))
+
+    def locate(self, observations: ConeObservations | Sightings) -> Relocalisation:
+        """Look for the car on the whole map.
+
+        Args:
+            observations: a frame, or the sightings of several.
+
+        Returns:
+            The hypotheses, with the probabilities ``P_k = L_k^T / (sum_j L_j^T +
+            L_0^T)``, T the temperature and L_0 the likelihood of "none".
+        """
+        seen = observations
+        if isinstance(seen, ConeObservations):
+            seen = Sightings.of_frame(seen)
+        if len(seen) < 2 or len(self.cone_map) < 2:
+            return Relocalisation(reason="fewer than two cones")
+        modes = self._modes(seen)
+        if modes is None:
+            return Relocalisation(reason="no two cones as far apart as the map's")
+        return self._judged(seen, modes)
+
+    def _modes(self, seen: Sightings) -> ScoredPoses | None:
+        """Return the best poses, one a place, most likely first."""
+        index = self._index
+        log_colour = index.log_colour(seen.likelihood)
+        poses = candidate_poses(index, seen, log_colour, MAP_SIGMA_M)
+        if len(poses) == 0:
+            return None
+        score = coarse_score(index, seen, log_colour, poses)
+        order = np.argsort(-score, kind="stable")[:LOOKED_AT]
+        cell = np.round(poses[order] / [GRID_M, GRID_M, GRID_RAD]).astype(np.int64)
+        _, first = np.unique(cell, axis=0, return_index=True)
+        chosen = poses[order[np.sort(first)][:REFINED]]
+        scored = refine(index, seen, log_colour, chosen, self.sensor)
+        rows: list[int] = []
+        for row in np.argsort(-scored.log_likelihood, kind="stable").tolist():
+            if not same_place(scored.pose[row], scored.pose[rows]).any():
+                rows.append(row)
+            if len(rows) == MOST_HYPOTHESES:
+                break
+        return scored.take(np.array(rows, dtype=np.int64))
+
+    def _judged(self, seen: Sightings, modes: ScoredPoses) -> Relocalisation:
+        config = self.config
+        nothing = config.nothing + config.nothing_per_sighting * len(seen)
+        every = np.append(modes.log_likelihood, nothing)
+        weight = np.exp(config.temperature * (every - every.max()))
+        probability = weight / weight.sum()
+        found = []
+        for i in range(len(modes.pose)):
+            row = np.flatnonzero(modes.cone[i] < len(self.cone_map)).astype(np.int64)
+            found.append(
+                Hypothesis(
+                    modes.pose[i],
+                    modes.cov[i],
+                    float(modes.log_likelihood[i]),
+                    float(probability[i]),
+                    row,
+                    modes.cone[i, row],
+                )
+            )
+        n, sure = len(found[0].row), found[0].probability
+        reason = f"{n} of {len(seen)} cones on the map, probability {sure:.4f}"
+        accepted = sure > config.accept_probability and n >= config.min_inliers
+        return Relocalisation(tuple(found), accepted, reason)
+
+
+def same_place(pose: Array, others: Array) -> Mask:
+    """(k,) which of the poses (k, 3) are within `SAME_M` and `SAME_RAD` of one (3,)."""
+    gap = between(pose, others.reshape(-1, 3))
+    near: Mask = np.hypot(gap[:, 0], gap[:, 1]) < SAME_M
+    return near & (np.abs(gap[:, 2]) < SAME_RAD)
+
+
+def verify_closure(
+    relocaliser: Relocaliser, observations: ConeObservations | Sightings, pose: Array
+) -> float:
+    """Return by how much a pose leads every other on the map, in log-likelihood.
+
+    A pose that is right is the best one on the *whole* map. Near the predicted pose
+    something always fits: beside a parallel stretch half of all closures that were
+    only tested there were wrong.
+
+    Args:
+        relocaliser: the map without what was added since the place was left.
+        observations: what the car sees.
+        pose: (3,) where a closure would put it.
+
+    Returns:
+        The lead over the best other hypothesis or "none"; minus infinity where the
+        best hypothesis is elsewhere or has too few cones to speak of.
+    """
+    found = relocaliser.locate(observations)
+    best = found.best
+    if best is None or not same_place(best.pose, pose)[0] or len(best.row) < 4:
+        return -np.inf
+    config = relocaliser.config
+    nothing = config.nothing + config.nothing_per_sighting * len(observations)
+    rivals = [h.log_likelihood for h in found.hypotheses[1:]]
+    return best.log_likelihood - max([*rivals, nothing])

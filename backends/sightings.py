@@ -1,0 +1,54 @@
+"""Cones seen around the car, from one frame or several, ready to be recognised."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from conegraph.types import N_CLASSES, Array, ConeObservations
+
+STANDING = np.zeros((1, 3))
+"""The only place to have looked from in a single frame: where the car is."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sightings:
+    """A constellation of cones in the frame of the car as it stands now.
+
+    Attributes:
+        xy_m: (n, 2) positions.
+        cov_m2: (n, 2, 2) their covariances.
+        likelihood: (n, 5) how likely what was seen of each cone is under each class,
+            up to a factor.
+        views: (k, 3) poses of the car, seen from where it is now, from which it
+            looked.
+        frames_per_view: how many frames each view stands for.
+    """
+
+    xy_m: Array
+    cov_m2: Array
+    likelihood: Array
+    views: Array
+    frames_per_view: float = 1.0
+
+    def __len__(self) -> int:
+        return len(self.xy_m)
+
+    @staticmethod
+    def of_frame(frame: ConeObservations) -> Sightings:
+        """Return the cones of a single frame."""
+        return Sightings(
+            frame.xy_m, frame.cov_m2, class_likelihood(frame.class_prob), STANDING
+        )
+
+
+def class_likelihood(class_prob: Array) -> Array:
+    """Return p(report | class), (n, 5) up to a factor, of reports (n, 5).
+
+    Under a colour c it is ``p_c + p_unknown / 4``; under "unknown" every colour is
+    as likely as another, so it is a quarter of the whole.
+    """
+    likelihood: Array = class_prob + 0.25 * class_prob[:, N_CLASSES - 1 :]
+    likelihood[:, N_CLASSES - 1] = 0.25 * class_prob.sum(axis=1)
+    return likelihood
