@@ -12,9 +12,11 @@ from conegraph.types import Array, Lap
 GATE_REACH_M = 30.0
 """Start cones farther than this from the start pose are not the start gate."""
 
-
 AHEAD_M = 1.0
 """The gate of a track without start cones, so far ahead that standing is no lap."""
+
+AWAY_M = 4.0
+"""How far from the gate a lap leads at least; a lap of 30 m in a circle leads 9."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +42,7 @@ class LapCounter:
         self._crossed: tuple[float, float] | None = None
         self._previous: tuple[float, Array] | None = None
         self._laps = 0
+        self._farthest_m = 0.0
 
     def locate_gate(self, start_cones_m: Array) -> None:
         """Put the gate between start cones (k, 2) on both sides of the start.
@@ -73,18 +76,23 @@ class LapCounter:
         """Take the next pose; return the lap if the gate was crossed to end one.
 
         The crossing's time is interpolated between the two poses. A crossing
-        counts when the car faces along the gate, passes within its half width and
-        has driven `min_lap_m` since the last; the first one starts the clock.
+        counts when the car faces along the gate, passes within its half width and,
+        since the last, has driven `min_lap_m` and been `AWAY_M` from the gate: the
+        odometer of a car that stands on the line runs on with every tremble. The
+        first crossing starts the clock.
         """
         self.driven_m += moved_m
+        from_gate_m = float(np.linalg.norm(pose[:2] - self.gate.middle_m))
+        self._farthest_m = max(self._farthest_m, from_gate_m)
         crossed_s = self._crossing(stamp_s, pose)
         self._previous = (stamp_s, pose.copy())
         if crossed_s is None:
             return None
         start, self._crossed = self._crossed, (crossed_s, self.driven_m)
+        away, self._farthest_m = self._farthest_m > AWAY_M, from_gate_m
         if start is None:
             return None
-        if self.driven_m - start[1] < self._config.min_lap_m:
+        if not away or self.driven_m - start[1] < self._config.min_lap_m:
             # The gate moved ahead of the car after the start: time from here.
             self._crossed = start if self._laps else self._crossed
             return None
