@@ -1,0 +1,275 @@
+"""The graph of gates: every way in which a lane could run between the cones.
+
+A *gate* is a pair of a left and a right cone. The lane goes on from a gate by one
+triangle: one side steps to its next cone while the other stays. Both boundaries are
+so searched together, which keeps neighbouring legs of a course apart, and costs of
+a step are all known beforehand: the search itself is a shortest path.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.spatial import Delaunay, QhullError, cKDTree
+
+from conegraph.types import Array, IntArray, Mask
+
+_NEIGHBOURS = 6
+"""Nearest cones of a side that may follow a cone."""
+_GATE_NEIGHBOURS = 8
+_BYSTANDERS = 5
+"""Nearest cones of each corner that may stand inside a triangle."""
+_STEP_M = 7.5
+BRIDGE_M = 17.0
+"""Farthest next cone, over a gap where two or three are missing."""
+_GATE_LANES = 2.5
+"""Longest gate in lane widths: it slants while the other side bridges a gap."""
+_LANE_BOUNDS_M = (0.4, 7.0)
+_USUAL_LANE_M = 3.5
+
+
+@dataclass(frozen=True, slots=True)
+class GateCosts:
+    """What makes a step of the lane unlikely, in nats.
+
+    Attributes:
+        per_step: every step.
+        per_m2: the square of its length.
+        long_m: length from which ...
+        per_long_m: ... every further metre costs extra.
+        width_slack: relative error of the lane's width that is free.
+        width: the square of what exceeds it, in units of the slack.
+        slant: every lane width of a gate's length beyond `slant_free`.
+        slant_free: gate length in lane widths that is free.
+        inside: a cone inside the triangle, which then stands on the road.
+    """
+
+    per_step: float = 0.02
+    per_m2: float = 0.004
+    long_m: float = 5.5
+    per_long_m: float = 0.35
+    width_slack: float = 0.35
+    width: float = 1.0
+    slant: float = 1.0
+    slant_free: float = 1.9
+    inside: float = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class GateGraph:
+    """Gates and the steps between them.
+
+    Attributes:
+        xy_m: (N, 2) cones.
+        left: (G,) left cone of each gate.
+        right: (G,) right cone.
+        tail: (T,) gate that a step leaves.
+        head: (T,) gate that it reaches.
+        cost: (T,) in nats.
+        lane_m: usual width of the lane.
+    """
+
+    xy_m: Array
+    left: IntArray
+    right: IntArray
+    tail: IntArray
+    head: IntArray
+    cost: Array
+    lane_m: float
+
+    def __len__(self) -> int:
+        return len(self.left)
+
+    @property
+    def middle_m(self) -> Array:
+        """(G, 2) middles of the gates."""
+        return np.asarray(0.5 * (self.xy_m[self.left] + self.xy_m[self.right]))
+
+    def matrix(self, keep: Mask | None = None) -> csr_array:
+        """Return the steps, or those to keep, as a sparse matrix of costs."""
+        tail, head, cost = self.tail, self.head, self.cost
+        if keep is not None:
+            tail, head, cost = tail[keep], head[keep], cost[keep]
+        n = len(self.left)
+        return csr_array((cost, (tail, head)), shape=(n, n))
+
+
+def lane_width(xy_m: Array, left: Mask, right: Mask) -> float:
+    """Return the usual distance to the nearest cone of the other side.
+
+    Where no cone is on one side only, that says nothing: 3.5 m, as in the rules.
+    """
+    only_left, only_right = left & ~right, right & ~left
+    if min(only_left.sum(), only_right.sum()) < 2:
+        return _USUAL_LANE_M
+    a, b = xy_m[only_left], xy_m[only_right]
+    away = np.concatenate([cKDTree(b).query(a)[0], cKDTree(a).query(b)[0]])
+    return float(np.clip(np.median(away), *_LANE_BOUNDS_M))
+
+
+def gate_graph(
+    xy_m: Array,
+    against: Array,
+    left: Mask,
+    right: Mask,
+    lane_m: float,
+    costs: GateCosts,
+) -> GateGraph:
+    """Return all gates and steps between cones.
+
+    Args:
+        xy_m: (N, 2) cones.
+        against: (2, N) cost of a cone on the left and on the right side.
+        left: (N,) cones that may stand on the left.
+        right: (N,) cones that may stand on the right.
+        lane_m: usual width of the lane.
+        costs: what makes a step unlikely.
+    """
+    sides = (np.flatnonzero(left), np.flatnonzero(right))
+    gate_l, gate_r = _gates(xy_m, left, right, lane_m)
+    n = len(xy_m)
+    index = np.full((n, n), -1, dtype=np.int32)
+    index[gate_l, gate_r] = np.arange(len(gate_l))
+    bystanders = _nearest_table(xy_m, _BYSTANDERS)
+    parts = []
+    for side in (0, 1):
+        move, stay = (gate_l, gate_r) if side == 0 else (gate_r, gate_l)
+        gate, fresh = _expand(move, *_followers(xy_m, sides[side], n))
+        head = (index if side == 0 else index.T)[fresh, stay[gate]]
+        there = head >= 0
+        gate, fresh, head = gate[there], fresh[there], head[there]
+        corner = np.stack([move[gate], fresh, stay[gate]])
+        cost = _step_costs(xy_m, corner, side, lane_m, costs, bystanders)
+        sound = np.isfinite(cost)
+        cost += against[side][fresh]
+        parts.append((gate[sound], head[sound], cost[sound]))
+    tail, head, cost = (np.concatenate(p) for p in zip(*parts, strict=True))
+    ends = head.astype(np.int64)
+    return GateGraph(xy_m, gate_l, gate_r, tail, ends, cost, lane_m)
+
+
+def _gates(
+    xy: Array, left: Mask, right: Mask, lane_m: float
+) -> tuple[IntArray, IntArray]:
+    """Return the left and right cones of all gates.
+
+    The nearest cones of the other side, and across gaps the neighbours in a
+    triangulation of all cones.
+    """
+    n = len(xy)
+    rows, columns = np.flatnonzero(left), np.flatnonzero(right)
+    k = np.arange(1, min(_GATE_NEIGHBOURS + 1, len(columns)) + 1)
+    away, near = cKDTree(xy[columns]).query(
+        xy[rows], k=k, distance_upper_bound=max(_GATE_LANES * lane_m, 2.0)
+    )
+    row, column = np.nonzero(np.isfinite(away))
+    a, b = neighbours(xy)
+    a, b = np.concatenate([a, b]), np.concatenate([b, a])
+    fit = left[a] & right[b]
+    near_key = rows[row] * n + columns[np.asarray(near)[row, column]]
+    key = np.unique(np.concatenate([near_key, a[fit] * n + b[fit]]))
+    a, b = key // n, key % n
+    length = np.hypot(*(xy[a] - xy[b]).T)
+    fit = (length > 0.3 * lane_m) & (length < BRIDGE_M)
+    return a[fit], b[fit]
+
+
+def neighbours(xy: Array) -> tuple[IntArray, IntArray]:
+    """Return the edges of the Delaunay triangulation, one direction of each or both."""
+    if len(xy) < 4:
+        a, b = np.triu_indices(len(xy), 1)
+        return a, b
+    try:
+        corner = Delaunay(xy).simplices.astype(np.int64)
+    except QhullError:
+        a = np.argsort(xy @ (1.0, 1.0), kind="stable")
+        return a[:-1], a[1:]
+    return corner.ravel(), np.roll(corner, 1, axis=1).ravel()
+
+
+def _nearest_table(xy: Array, k: int) -> IntArray:
+    """Return the k nearest others of each cone; (N, k), itself where there is none."""
+    n = len(xy)
+    _, near = cKDTree(xy).query(xy, k=np.arange(2, k + 2))
+    return np.asarray(np.where(near < n, near, np.arange(n)[:, None]))
+
+
+def _followers(xy: Array, side: IntArray, n: int) -> tuple[IntArray, IntArray]:
+    """Return who may follow whom on a side, as (N + 1,) offsets and cones.
+
+    The nearest cones, and across gaps the neighbours in a triangulation of the side.
+    """
+    points = xy[side]
+    m = len(points)
+    k = np.arange(2, min(_NEIGHBOURS + 1, m) + 1)
+    a, b = neighbours(points)
+    near_by = np.hypot(*(points[a] - points[b]).T) < BRIDGE_M
+    pairs = [np.stack([a[near_by], b[near_by]])]
+    if m > 1:
+        k = np.arange(2, min(_NEIGHBOURS + 1, m) + 1)
+        away, near = cKDTree(points).query(points, k=k, distance_upper_bound=_STEP_M)
+        row, column = np.nonzero(np.isfinite(away))
+        pairs.append(np.stack([row, np.asarray(near)[row, column]]))
+    a, b = np.concatenate(pairs, axis=1)
+    a, b = np.concatenate([a, b]), np.concatenate([b, a])
+    key = np.unique(side[a] * n + side[b])
+    offsets = np.searchsorted(key, np.arange(n + 1) * n)
+    return offsets, key % n
+
+
+def _expand(
+    move: IntArray, offsets: IntArray, follower: IntArray
+) -> tuple[IntArray, IntArray]:
+    """Return for every gate every follower of its moving cone: gate and follower."""
+    count = (offsets[1:] - offsets[:-1])[move]
+    gate = np.repeat(np.arange(len(move)), count)
+    rank = np.arange(len(gate)) - np.repeat(np.cumsum(count) - count, count)
+    return gate, follower[offsets[move][gate] + rank]
+
+
+def _step_costs(
+    xy: Array,
+    corner: IntArray,
+    side: int,
+    lane_m: float,
+    costs: GateCosts,
+    bystanders: IntArray,
+) -> Array:
+    """Return the cost of steps with corners (3, T): old, new and waiting cone.
+
+    Infinite where the new cone does not lie ahead of the gate. The lane's width is
+    the height of the triangle over the step: the gates themselves slant.
+    """
+    old, new, wait = (xy[c] for c in corner)
+    step, gate, old_gate = new - old, new - wait, old - wait
+    length = np.hypot(*step.T)
+    area = step[:, 0] * old_gate[:, 1] - step[:, 1] * old_gate[:, 0]
+    area = area if side == 0 else -area
+    width = area / np.maximum(length, 1e-6) / lane_m
+    slack = costs.width_slack
+    off = np.maximum(np.abs(width - 1.0) / slack - 1.0, 0.0)
+    slant = np.hypot(*gate.T) / lane_m - costs.slant_free
+    cost = costs.per_step + costs.per_m2 * length**2 + costs.width * off**2
+    cost += costs.per_long_m * np.maximum(length - costs.long_m, 0.0)
+    cost += costs.slant * np.maximum(slant, 0.0)
+    sound = (width > 0.2) & (length > 1e-3)
+    cost[~sound] = np.inf
+    rows = np.flatnonzero(sound)
+    inside = _any_inside(xy, corner[:, rows], bystanders, 1 if side == 0 else -1)
+    cost[rows] += costs.inside * inside
+    return np.asarray(cost)
+
+
+def _any_inside(xy: Array, corner: IntArray, bystanders: IntArray, turn: int) -> Mask:
+    """Return whether a cone near a corner stands inside the triangle; (T,)."""
+    near = np.concatenate([bystanders[c] for c in corner], axis=1)
+    inside = np.ones(near.shape, dtype=np.bool_)
+    x, y = xy[:, 0][near], xy[:, 1][near]
+    for a, b in ((0, 1), (1, 2), (2, 0)):
+        start, end = xy[corner[a]], xy[corner[b]]
+        edge = turn * (end - start)
+        right = edge[:, :1] * (y - start[:, 1:]) - edge[:, 1:] * (x - start[:, :1])
+        inside &= right < -1e-6
+    return np.asarray(inside.any(axis=1))

@@ -1,0 +1,107 @@
+"""The best way through the graph of gates: a loop, or a stretch of open lane."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+
+from conegraph.track.gates import GateGraph
+from conegraph.types import Array, IntArray, Mask
+
+_FENCE_LANES = 0.8
+"""How far a start gate's line reaches beyond its cones, in lane widths: what runs
+around one of them crosses it, the next leg of the course does not."""
+
+
+@dataclass(frozen=True, slots=True)
+class GatePath:
+    """A way of the lane.
+
+    Attributes:
+        gates: (K,) gates in driving order; of a loop the first is not repeated.
+        cost: of all its steps, in nats.
+        length_m: along the middles of the gates.
+        closed: whether it is a loop.
+    """
+
+    gates: IntArray
+    cost: float
+    length_m: float
+    closed: bool
+
+
+def shortest(
+    steps: csr_array, start: IntArray, limit: float = np.inf
+) -> tuple[Array, IntArray]:
+    """Return costs (S, G) from each start, infinite beyond, and predecessors (S, G)."""
+    away, before = dijkstra(steps, indices=start, return_predecessors=True, limit=limit)
+    return np.asarray(away), np.asarray(before, dtype=np.int64)
+
+
+def find_lane(
+    graph: GateGraph, start: int, *, doubt: float, backward: bool = False
+) -> GatePath:
+    """Return the open lane from a gate that goes farthest for its cost.
+
+    It ends where ``length - doubt * cost`` is largest.
+
+    Args:
+        graph: gates and steps.
+        start: the gate to start in.
+        doubt: metres of lane that one nat of cost must be worth.
+        backward: look for what lies before the start; the path still ends in it.
+    """
+    keep = ~crossing(graph, start)
+    keep |= (graph.tail if not backward else graph.head) == start
+    matrix = graph.matrix(keep)
+    way = csr_array(matrix.T) if backward else matrix
+    (away,), (before,) = shortest(way, np.array([start]))
+    length = _lengths(graph.middle_m, away, before)
+    score = np.where(np.isfinite(away), length - doubt * away, -np.inf)
+    end = int(np.argmax(score))
+    gates = trace(before, start, end)
+    return GatePath(
+        gates[::-1] if backward else gates, float(away[end]), float(length[end]), False
+    )
+
+
+def _lengths(middle: Array, away: Array, before: IntArray) -> Array:
+    """Return how far each gate is along its path, in metres."""
+    length = np.zeros(len(away))
+    reached = np.flatnonzero(np.isfinite(away) & (before >= 0))
+    reached = reached[np.argsort(away[reached], kind="stable")]
+    step = np.hypot(*(middle[reached] - middle[before[reached]]).T)
+    so_far = length.tolist()
+    for gate, previous, metres in zip(
+        reached.tolist(), before[reached].tolist(), step.tolist(), strict=True
+    ):
+        so_far[gate] = so_far[previous] + metres
+    return np.array(so_far)
+
+
+def trace(before: IntArray, start: int, end: int) -> IntArray:
+    """Return the gates from start to end by their predecessors (G,)."""
+    path = [end]
+    while path[-1] != start:
+        path.append(int(before[path[-1]]))
+    return np.array(path[::-1], dtype=np.int64)
+
+
+def crossing(graph: GateGraph, start: int) -> Mask:
+    """Return which steps' middles cross the line of a gate or its extension; (T,)."""
+    left, right = (graph.xy_m[c[start]] for c in (graph.left, graph.right))
+    across = left - right
+    width = float(np.hypot(*across))
+    across = across / width
+    middle = graph.middle_m - 0.5 * (left + right)
+    ahead = middle[:, 0] * across[1] - middle[:, 1] * across[0]
+    aside = middle @ across
+    a, b = ahead[graph.tail], ahead[graph.head]
+    crosses = (a >= 0) != (b >= 0)
+    share = np.where(crosses, a / np.where(crosses, a - b, 1.0), 0.0)
+    where = aside[graph.tail] * (1.0 - share) + aside[graph.head] * share
+    reach = 0.5 * width + _FENCE_LANES * graph.lane_m
+    return np.asarray(crosses & (np.abs(where) < reach))
