@@ -246,6 +246,19 @@ class ViewerConfig(Section):
     """Time between full maps with their covariances."""
 
 
+class TrackConfig(Section):
+    """From a cone map to boundaries, road and centre line."""
+
+    profile: Profile = "default"
+    """`thesis` is chapter 5 as published; `default` is the best that we measured."""
+    thesis_cost: Literal["product", "sum"] = "product"
+    """How equation 5.3 joins distance d and turn: d (1 + w sin) or d + w sin."""
+    thesis_weight: NonNegative = 2.0
+    """The weight w in equation 5.3."""
+    thesis_closure_m: Positive = 6.0
+    """Threshold d of the boundary closure test (thesis section 5.1.3)."""
+
+
 class Roles(Section):
     """What each cone class means on the track (thesis section 4.1)."""
 
@@ -294,5 +307,7 @@ class Config(Section):
     """Noticing that the car is lost, and finding it again."""
     viewer: ViewerConfig = ViewerConfig()
     """Rerun."""
+    track: TrackConfig = TrackConfig()
+    """Track detection."""
     roles: Roles = Roles()
     """Cone classes and their meaning."""
