@@ -6,11 +6,15 @@ viewer is opened that needs it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from conegraph.types import ConeMap, FrameRecord, StreamInfo, Trajectory
+
+if TYPE_CHECKING:
+    from conegraph.camera import RgbdFrame
+    from conegraph.frontend.base import Detections
 
 
 class Viewer(Protocol):
@@ -49,8 +53,17 @@ class NullViewer:
         """Have nothing to close."""
 
 
+Watcher = Callable[["RgbdFrame", "Detections"], None]
+"""Who is shown every picture with what was found in it."""
+
+
 def open_viewer(
-    backends: Sequence[str], *, live: bool, path: Path | None, map_period_s: float
+    backends: Sequence[str],
+    *,
+    live: bool,
+    path: Path | None,
+    map_period_s: float,
+    camera: bool = False,
 ) -> dict[str, Viewer]:
     """Open one recording and give each back end its viewer into it.
 
@@ -64,6 +77,7 @@ def open_viewer(
             that already listens on this machine is used, else one is started.
         path: where to write the recording (``.rrd``), None for nowhere.
         map_period_s: time between full maps with their covariances.
+        camera: whether to leave room for what `watch_camera` shows.
 
     Returns:
         One viewer for each back end; null viewers when neither live nor path.
@@ -77,7 +91,23 @@ def open_viewer(
     from conegraph.viewer_rerun import RerunViewer
     from conegraph.viewer_stream import SharedStream
 
-    stream = SharedStream(backends, live=live, path=path)
+    stream = SharedStream(backends, live=live, path=path, camera=camera)
     return {
         name: RerunViewer(stream, name, map_period_s=map_period_s) for name in backends
     }
+
+
+def watch_camera(viewers: Mapping[str, Viewer], *, period_s: float) -> Watcher | None:
+    """Return who shows the camera's pictures beside the back ends, None for nobody.
+
+    Args:
+        viewers: what `open_viewer` returned with ``camera``.
+        period_s: time between pictures.
+    """
+    if all(isinstance(viewer, NullViewer) for viewer in viewers.values()):
+        return None
+    from conegraph.viewer_camera import CameraViewer
+    from conegraph.viewer_rerun import RerunViewer
+
+    shown = [v for v in viewers.values() if isinstance(v, RerunViewer)]
+    return CameraViewer(shown[0].stream, period_s=period_s) if shown else None

@@ -55,9 +55,15 @@ _LEGEND = """\
 """
 
 
-def layout(backends: Sequence[str]) -> rrb.Blueprint:
-    """Return one layout with a column for each back end above what they share."""
-    columns = rrb.Horizontal(*(_column(name) for name in backends))
+def layout(backends: Sequence[str], *, camera: bool = False) -> rrb.Blueprint:
+    """Return one layout with a column for each back end above what they share.
+
+    With ``camera``, a column of what it sees comes first.
+    """
+    seen = [_camera_column()] if camera else []
+    shares = [2] * len(seen) + [3] * len(backends)
+    each = (_column(name) for name in backends)
+    columns = rrb.Horizontal(*seen, *each, column_shares=shares)
     status = rrb.StateTimelineView(
         name="Status",
         contents=[f"/{name}/status" for name in backends],
@@ -77,6 +83,27 @@ def layout(backends: Sequence[str]) -> rrb.Blueprint:
         rrb.SelectionPanel(state="collapsed"),
         rrb.TimePanel(state="collapsed", timeline="time", play_state="following"),
     )
+
+
+def _camera_column() -> rrb.Container:
+    picture = rrb.Spatial2DView(
+        name="camera: cones found",
+        origin="/camera/lens",
+        contents=["/camera/lens/picture", "/camera/lens/cones"],
+    )
+    depth = rrb.Spatial2DView(name="camera: depth", origin="/camera/depth")
+    space = rrb.Spatial3DView(
+        name="cones on the ground, from the car",
+        origin="/camera",
+        contents=["/camera/cones", "/camera/doubt", "/camera/lens/picture"],
+    )
+    return rrb.Vertical(picture, depth, space)
+
+
+def camera_parts() -> Iterator[tuple[str, rr.AsComponents]]:
+    """Yield each path of the camera with its lasting look."""
+    yield "camera", rr.ViewCoordinates.FLU
+    yield "camera", _cone_classes()
 
 
 def _column(name: str) -> rrb.Container:

@@ -76,7 +76,7 @@ class RerunViewer:
 
     def __init__(self, stream: SharedStream, name: str, *, map_period_s: float) -> None:
         """Take part in ``stream`` as ``name``; full maps every ``map_period_s``."""
-        self._stream = stream
+        self.stream = stream
         self._name = name
         self._map_period_s = map_period_s
         self._source: StreamInfo | None = None
@@ -91,20 +91,20 @@ class RerunViewer:
     def start(self, source: StreamInfo) -> None:
         """Name the recording, and keep the truth until the first frame places it."""
         self._source = source
-        if not self._stream.is_on():
+        if not self.stream.is_on():
             return
-        with self._stream.guarded():
-            self._stream.recording.send_recording_name(source.name)
+        with self.stream.guarded():
+            self.stream.recording.send_recording_name(source.name)
 
     def frame(self, record: FrameRecord, cone_map: Callable[[], ConeMap]) -> None:
         """Log one frame, and the map when it is due."""
-        if not self._stream.is_on():
+        if not self.stream.is_on():
             return
         self._stamp_s = record.estimate.stamp_s
         due = self._stamp_s >= self._map_due_s
         fresh = cone_map() if due else None
-        with self._stream.guarded():
-            self._stream.set_time(self._stamp_s, self._frame)
+        with self.stream.guarded():
+            self.stream.set_time(self._stamp_s, self._frame)
             if self._frame == 0:
                 self._log_truth(record)
             if fresh is not None:
@@ -118,20 +118,20 @@ class RerunViewer:
 
     def finish(self, cone_map: ConeMap, smoothed: Trajectory | None) -> None:
         """Log the final map and the smoothed path at the last frame's time."""
-        if not self._stream.is_on():
+        if not self.stream.is_on():
             return
-        with self._stream.guarded():
-            self._stream.set_time(self._stamp_s, max(self._frame - 1, 0))
+        with self.stream.guarded():
+            self.stream.set_time(self._stamp_s, max(self._frame - 1, 0))
             self._log_map(cone_map)
             if smoothed is not None:
                 self._log("smoothed", _strips(smoothed.pose[None, :, :2]))
 
     def close(self) -> None:
         """Leave the recording; the last to leave completes it."""
-        self._stream.leave(self._name)
+        self.stream.leave(self._name)
 
     def _log(self, path: str, *parts: rr.AsComponents, static: bool = False) -> None:
-        self._stream.recording.log(f"{self._name}/{path}", *parts, static=static)
+        self.stream.recording.log(f"{self._name}/{path}", *parts, static=static)
 
     def _log_truth(self, record: FrameRecord) -> None:
         source = self._source

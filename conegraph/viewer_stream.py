@@ -37,9 +37,16 @@ class SharedStream:
     """One recording with one clock, open until its last user has left it."""
 
     def __init__(
-        self, backends: Sequence[str], *, live: bool, path: Path | None
+        self,
+        backends: Sequence[str],
+        *,
+        live: bool,
+        path: Path | None,
+        camera: bool = False,
     ) -> None:
         """Open the file, the live viewer, or both, and send the layout.
+
+        With ``camera`` the layout has room for pictures and what is found in them.
 
         Raises:
             FileFormatError: ``path`` cannot be written.
@@ -60,10 +67,13 @@ class SharedStream:
         else:
             viewer = rr.GrpcSink(_live_viewer())
             self.recording.set_sinks(viewer, rr.FileSink(path))
-        self.recording.send_blueprint(look.layout(backends))
+        self.recording.send_blueprint(look.layout(backends, camera=camera))
         self.recording.log("legend", look.legend(), static=True)
         for index, name in enumerate(backends):
             for entity, part in look.static_parts(name, index):
+                self.recording.log(entity, part, static=True)
+        if camera:
+            for entity, part in look.camera_parts():
                 self.recording.log(entity, part, static=True)
 
     def is_on(self) -> bool:

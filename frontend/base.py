@@ -105,7 +105,12 @@ class FrontEnd(Protocol):
 
     @property
     def rejected(self) -> Counter[str]:
-        """Frames and detections that were left out, counted by reason."""
+        """What of the frames could not be used, counted by reason."""
+        ...
+
+    @property
+    def refused(self) -> Counter[str]:
+        """What a detector found and is no cone, counted by reason."""
         ...
 
     def detect(self, frame: RgbdFrame) -> ConeObservations:

@@ -42,6 +42,7 @@ class RgbdFrontEnd:
         self._localization = localization
         self._range_m = (min_range_m, max_range_m)
         self.rejected: Counter[str] = Counter()
+        self.refused: Counter[str] = Counter()
 
     def sensor(self, camera: Camera, mount: CameraMount) -> SensorModel:
         """Return how precise and how far it sees with a camera that sits so.
@@ -115,10 +116,10 @@ class RgbdFrontEnd:
         within = (places.range_m >= near) & (places.range_m <= far)
         grounded = places.lift_m <= MAX_LIFT_M + SIGMAS * places.lift_sigma_m
         for reason, passed in (
-            ("cone of unknown range", known),
-            ("cone out of range", within),
-            ("no cone's size", sized),
+            ("of unknown range", known),
+            ("out of range", within),
+            ("not of a cone's size", sized),
             ("not on the ground", grounded),
         ):
-            self.rejected[reason] += int((~passed).sum())
+            self.refused[reason] += int((~passed).sum())
         return known & within & sized & grounded

@@ -40,6 +40,7 @@ class ThesisFrontEnd:
         """Take the table of colours and the limits."""
         self._config = config
         self.rejected: Counter[str] = Counter()
+        self.refused: Counter[str] = Counter()
 
     def sensor(self, camera: Camera, mount: CameraMount) -> SensorModel:
         """Return the noise that is assumed, within the limits of range and lens."""
@@ -64,7 +65,7 @@ class ThesisFrontEnd:
         distance_m = np.asarray(depth_m, dtype=np.float64)[v, u]
         near = distance_m > self._config.min_range_m
         passed = near & (distance_m < self._config.max_range_m)
-        self.rejected["cone without a depth in range"] += int((~passed).sum())
+        self.refused["without a depth in range"] += int((~passed).sum())
         points = rays(flat.camera, centroid) * distance_m[:, None]
         to_car = frame.mount.rotation_car_optical
         at_m = points @ to_car.T + frame.mount.position_m
@@ -125,7 +126,7 @@ class ThesisFrontEnd:
             moments = cv2.moments(outline)
             area = cv2.contourArea(outline)
             if not self._config.min_area_px < area < self._config.max_area_px:
-                self.rejected["contour of another area"] += 1
+                self.refused["of another area"] += 1
                 continue
             weight = moments["m00"]
             centroid = (moments["m10"] / weight, moments["m01"] / weight)

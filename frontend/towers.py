@@ -32,7 +32,7 @@ def split_towers(
         that it comes from.
     """
     start = np.flatnonzero(np.diff(owner, prepend=-1, append=-1))
-    size = boxes(*pixel_uv.T, owner)
+    size = boxes(pixel_uv[:, 0], pixel_uv[:, 1], owner)
     width, height = size[:, 2] - size[:, 0], size[:, 3] - size[:, 1]
     large = (width > MIN_WIDTH_M * px_per_m) & (height >= MIN_HEIGHT_PX)
     made, origin = owner.copy(), list(range(len(px_per_m)))
