@@ -14,6 +14,7 @@ from conegraph.backends.motion import (
     predict_with_odometry,
 )
 from conegraph.backends.odometry_queue import OdometryQueue
+from conegraph.backends.standstill import StandstillWatch, standing
 from conegraph.config import MotionConfig
 from conegraph.types import Array
 
@@ -26,6 +27,7 @@ class CarMotion:
         stamp_s: stamp of the last frame, None before the first.
         increment: odometry since the frame before it, None without any.
         noise: (6, 6) process noise since it was last taken.
+        frames_standing: frames since the car was last seen to move.
     """
 
     def __init__(self, config: MotionConfig) -> None:
@@ -35,6 +37,8 @@ class CarMotion:
         self.stamp_s: float | None = None
         self.increment: OdometryIncrement | None = None
         self.noise: Array = np.zeros((NV, NV))
+        self.frames_standing = 0
+        self._standstill = StandstillWatch()
 
     def advance(self, filter_: LandmarkFilter, stamp_s: float) -> float:
         """Predict to a frame's stamp; return the distance driven.
@@ -42,12 +46,19 @@ class CarMotion:
         The first frame is the origin: nothing is predicted before it.
         """
         before_s, self.stamp_s = self.stamp_s, stamp_s
+        for sample in self.queue.waiting(stamp_s):
+            self._standstill.add(sample)
         if before_s is None:
             self.queue.samples(stamp_s)
             return 0.0
         start = filter_.vehicle
         if self._config.odometry_as_input:
             self.increment = self.queue.take(before_s, stamp_s)
+            if self.increment is not None and self._stands(stamp_s):
+                self.increment = standing(self.increment)
+                self.frames_standing += 1
+            else:
+                self.frames_standing = 0
             step = self._step(start, stamp_s - before_s, self.increment)
         else:
             self.increment = self.queue.peek(before_s, stamp_s)
@@ -56,6 +67,9 @@ class CarMotion:
         filter_.predict(step)
         self.noise = self.noise + step.Q
         return float(np.hypot(*(step.state[:2] - start[:2])))
+
+    def _stands(self, stamp_s: float) -> bool:
+        return self._config.standstill and self._standstill.stands(stamp_s)
 
     def look_ahead(self, state: Array, stamp_s: float) -> Prediction:
         """Predict a state beyond the last frame and change nothing."""

@@ -214,13 +214,19 @@ class LandmarkFilter:
         self, slot: IntArray, xy_m: Array, cov_m2: Array, model: SensorModel | None
     ) -> Innovation:
         """Return the joint NIS ``z' Z^-1 z`` of matched cones before their update."""
+        z, Z = self.residual(slot, xy_m, cov_m2, model)
+        return Innovation(float(z @ cho_solve(cho_factor(Z), z)), len(z))
+
+    def residual(
+        self, slot: IntArray, xy_m: Array, cov_m2: Array, model: SensorModel | None
+    ) -> tuple[Array, Array]:
+        """Return the joint innovation z (2k,) of matched cones and its covariance."""
         predicted = self.predict_cones(slot)
         R = cov_m2
         if model is not None:
             R = transport_covariance(cov_m2, xy_m, predicted.xy_m, model)
         Z = _add_blocks(predicted.cov_m2.copy(), R)
-        z = (xy_m - predicted.xy_m).ravel()
-        return Innovation(float(z @ cho_solve(cho_factor(Z), z)), len(z))
+        return (xy_m - predicted.xy_m).ravel(), Z
 
     def update_velocity(self, u_mps: float, r_radps: float, cov: Array) -> None:
         """Correct with a measured velocity (thesis section 4.4.2).

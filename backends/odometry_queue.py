@@ -30,6 +30,10 @@ class OdometryQueue:
             return self._waiting[-1].stamp_s
         return self._held.stamp_s if self._held else float("-inf")
 
+    def waiting(self, end_s: float) -> list[VelocityObservation]:
+        """Return the samples up to a stamp, without taking them out."""
+        return [v for v in self._waiting if v.stamp_s <= end_s]
+
     def samples(self, end_s: float) -> list[VelocityObservation]:
         """Take out the samples up to a stamp, one by one in order."""
         taken = []
@@ -52,8 +56,7 @@ class OdometryQueue:
 
     def peek(self, start_s: float, end_s: float) -> OdometryIncrement | None:
         """Integrate the interval and keep everything."""
-        samples = [v for v in self._waiting if v.stamp_s <= end_s]
-        return self._integrate(self._held, samples, start_s, end_s)
+        return self._integrate(self._held, self.waiting(end_s), start_s, end_s)
 
     def _integrate(
         self,

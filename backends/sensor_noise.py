@@ -11,8 +11,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from conegraph.config import SensorConfig
-from conegraph.types import Array, SensorModel
+from conegraph.config import MotionConfig, SensorConfig
+from conegraph.types import (
+    Array,
+    ConeObservations,
+    SensorModel,
+    VelocityObservation,
+)
 
 
 def polar_sigmas(range_m: Array, model: SensorModel) -> tuple[Array, Array]:
@@ -86,3 +91,27 @@ def effective_sensor(config: SensorConfig, source: SensorModel | None) -> Sensor
         if getattr(config, key) is not None
     }
     return replace(base, **given)
+
+
+def with_configured_noise(
+    frame: ConeObservations, config: SensorConfig, model: SensorModel
+) -> ConeObservations:
+    """Return a frame with the covariances that the configuration asks for.
+
+    Args:
+        frame: the frame as the source reports it.
+        config: whose covariances count, and the factor on their sigmas.
+        model: the sensor of `effective_sensor`.
+    """
+    cov = frame.cov_m2
+    if config.noise_from == "model":
+        cov = model.covariance(frame.xy_m)
+    return replace(frame, cov_m2=cov * config.scale**2)
+
+
+def with_scaled_odometry(
+    sample: VelocityObservation, config: MotionConfig
+) -> VelocityObservation:
+    """Return a velocity with its sigmas scaled as configured."""
+    scale = np.array(config.odometry_scale)
+    return replace(sample, cov=sample.cov * np.outer(scale, scale))

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
@@ -33,7 +32,12 @@ from conegraph.backends.pairing import (
     Pairs,
 )
 from conegraph.backends.recovery import Recovery, no_pairs
-from conegraph.backends.sensor_noise import effective_sensor, transport_covariance
+from conegraph.backends.sensor_noise import (
+    effective_sensor,
+    transport_covariance,
+    with_configured_noise,
+    with_scaled_odometry,
+)
 from conegraph.backends.tracked_frame import TrackedFrame
 from conegraph.backends.velocity import cone_velocity
 from conegraph.config import Config
@@ -61,6 +65,10 @@ STATUS = (
 
 RETURN_M = 5.0
 """A cone not seen over this distance has come back into view."""
+
+LONG_LOOK = 60
+"""Frames of one view after which it holds no cone that is not known: what appears
+later in front of a car that stands are false detections."""
 
 SURPRISE = 8.0
 """Factor on the process noise that a jointly improbable frame adds."""
@@ -125,8 +133,9 @@ class Tracker:
             return
         accepted = self.gate.velocity(sample)
         if accepted is not None:
-            self.motion.queue.push(accepted)
+            scaled = with_scaled_odometry(accepted, self._config.motion)
             self._recovery.velocity(accepted)
+            self.motion.queue.push(scaled)
             self.predict(accepted.stamp_s)
 
     def observe_cones(self, frame: ConeObservations) -> Associations | None:
@@ -135,8 +144,7 @@ class Tracker:
         accepted = self.gate.cones(frame)
         if accepted is None:
             return None
-        scale = self._config.sensor.scale
-        accepted = replace(accepted, cov_m2=accepted.cov_m2 * scale**2)
+        accepted = with_configured_noise(accepted, self._config.sensor, self.sensor)
         before_s = self.motion.stamp_s
         moved_m = self.motion.advance(self.map.filter, accepted.stamp_s)
         dt_s = 0.0 if before_s is None else accepted.stamp_s - before_s
@@ -300,8 +308,10 @@ class Tracker:
         returned = driven_m - book.last_seen_m[book_row] > RETURN_M
         book.hit(book_row, frame.class_prob[row], driven_m)
         missed = self._cleaner.missed(map_, frame, pairs)
+        watched = self.motion.frames_standing > LONG_LOOK
         trusted = self._recovery.trusted
-        born = np.flatnonzero(pairs.birth & self._add_cones & trusted)
+        adds = self._add_cones and trusted and not watched
+        born = np.flatnonzero(pairs.birth & adds)
         self._pairer.note_appearances(len(born), int(returned.sum()))
         slot = pairs.slot.copy()
         slot[born] = map_.add(frame.subset(born), driven_m)

@@ -13,10 +13,12 @@ from typing import Any
 import numpy as np
 
 from conegraph.backends import Backend, make_backend
+from conegraph.camera import Stream
+from conegraph.camera_stream import CameraStream, with_front_end
 from conegraph.config import Config, config_to_toml
 from conegraph.eval import RunMetrics, Truth, evaluate
 from conegraph.io.run_folder import RunFolder, RunWriter, read_run
-from conegraph.sources import open_source
+from conegraph.sources import open_stream
 from conegraph.types import (
     ConeMap,
     ConeObservations,
@@ -138,7 +140,7 @@ class Pipeline:
     def __init__(
         self,
         config: Config,
-        source: Source | str | None = None,
+        source: Stream | Source | str | None = None,
         *,
         viewer: Viewer | None = None,
         known_map: ConeMap | None = None,
@@ -148,15 +150,15 @@ class Pipeline:
 
         Args:
             config: the whole configuration.
-            source: a source, or the text of one.
+            source: a source of cones or of pictures, or the text of one.
             viewer: who is shown every frame.
             known_map: cones that are known from the start.
             add_cones: False only localises on them.
         """
         text = config.source if source is None else source
-        seed = config.seed
-        self.source = open_source(text, seed=seed) if isinstance(text, str) else text
-        self.config = config = _for_source(config, self.source)
+        stream = open_stream(text, seed=config.seed) if isinstance(text, str) else text
+        self.source = with_front_end(stream, config)
+        self.config = config = for_source(config, self.source)
         self._viewer = viewer or NullViewer()
         self.backend: Backend = make_backend(
             config.backend,
@@ -217,6 +219,8 @@ class Pipeline:
         estimate, events = self.backend.estimate(), self.backend.last_events
         stages = dict(events.stage_ms or {})
         stages["frame"] = 1e3 * (time.perf_counter() - began)
+        if isinstance(self.source, CameraStream) and self.source.detect_ms is not None:
+            stages["detect"] = self.source.detect_ms
         return FrameRecord(
             accepted,
             associations,
@@ -277,7 +281,7 @@ class Pipeline:
         return RunResult(cone_map, smoothed, summary, folder, truth, metrics)
 
 
-def _for_source(config: Config, source: Source) -> Config:
+def for_source(config: Config, source: Source) -> Config:
     """Fill in what neither file nor command line sets from what the source knows."""
     motion, association = config.motion, config.association
     bias = source.yaw_rate_bias_radps

@@ -16,8 +16,10 @@ import typer
 from conegraph.cli import bench, config
 from conegraph.cli.compare import compare
 from conegraph.cli.demo import demo
+from conegraph.cli.detect import detect
 from conegraph.cli.run import run
 from conegraph.cli.simulate import simulate
+from conegraph.cli.tune import tune
 from conegraph.cli.view import view
 from conegraph.errors import ConegraphError
 
@@ -32,7 +34,9 @@ app = typer.Typer(
 app.command("demo")(demo)
 app.command("run")(run)
 app.command("compare")(compare)
+app.command("detect")(detect)
 app.command("simulate")(simulate)
+app.command("tune")(tune)
 app.command("view")(view)
 app.add_typer(bench.app, name="bench")
 app.add_typer(config.app, name="config")

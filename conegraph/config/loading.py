@@ -28,6 +28,7 @@ THESIS: Tree = {
     "motion": {
         "integration": "euler",
         "odometry_as_input": False,
+        "standstill": False,
         "gyro_bias_sigma_radps": 0.0,
         "start_speed_sigma_mps": 0.0,
         "cone_velocity": True,
@@ -92,6 +93,12 @@ def resolve_config(tree: Mapping[str, Any], *, origin: str | None = None) -> Con
 def config_to_toml(config: Config) -> str:
     """Write every key with its value, so that the run can be repeated exactly."""
     return tomli_w.dumps(config.model_dump(mode="json", exclude_none=True))
+
+
+def given_to_toml(config: Config) -> str:
+    """Write the keys that were given, and no default."""
+    given = config.model_dump(mode="json", exclude_unset=True, exclude_none=True)
+    return tomli_w.dumps({k: v for k, v in given.items() if v != {}})
 
 
 def parse_override(text: str) -> tuple[tuple[str, ...], Any]:
