@@ -11,18 +11,19 @@ from typing import TYPE_CHECKING
 from conegraph.errors import SourceError
 
 if TYPE_CHECKING:
+    from conegraph.camera import Stream
+    from conegraph.sim.camera_drive import CameraDrive
     from conegraph.types import Recording, Source, TrackLayout
 
-SCHEMES = ("mrclam", "victoria-park", "sim")
+SCHEMES = ("mrclam", "victoria-park", "sim", "realsense")
 NOT_YET = {
-    "realsense": "live cameras",
-    ".bag": "ROS and RealSense recordings",
-    ".db3": "ROS and RealSense recordings",
     ".mcap": "ROS recordings",
     "metadata.yaml": "ROS recordings",
-    "rgb.txt": "RGB-D sequences",
 }
+LIGHTS = ("bright", "overcast", "low_sun", "dusk")
+PICTURES = "gives pictures, and only cones are of use here"
 MAX_LAPS = 1000
+MAX_RATE_HZ = 120.0
 MAX_DELAY_S = 10.0
 MAX_STAND_S = 3600.0
 
@@ -34,7 +35,7 @@ class SimOptions:
     Attributes:
         laps: laps to complete.
         seed: seed of everything random.
-        sensor: ``camera`` or ``lidar``.
+        sensor: ``camera`` or ``lidar`` for cones, ``rgbd`` for pictures.
         odometry: whether wheels and gyro are recorded too.
         wrong_colour: share of detections that are given another colour.
         unknown_colour: share of detections whose class is taken away.
@@ -42,6 +43,8 @@ class SimOptions:
         false_cones: false detections added for each one that there was.
         delay: time in s between a frame's stamp and its arrival; odometry has none.
         stand: time in s that the car stands before it sets off.
+        rate: pictures per second.
+        light: light of the pictures, one of `LIGHTS`; by chance where it is empty.
     """
 
     laps: int = 2
@@ -54,10 +57,60 @@ class SimOptions:
     false_cones: float = 0.0
     delay: float = 0.0
     stand: float = 1.0
+    rate: float = 15.0
+    light: str = ""
+
+
+def open_stream(text: str, *, seed: int = 0) -> Stream:
+    """Open what a SOURCE names, cones or pictures.
+
+    Args:
+        text: what `open_source` takes; or a folder with ``rgb.txt``, ``depth.txt``
+            and ``camera.toml``, a RealSense recording (``.db3``, ``.bag``),
+            ``realsense[:SERIAL]``, or ``sim:TRACK?sensor=rgbd``, which also takes
+            ``rate`` and ``light``.
+        seed: seed of a simulated source that names none.
+
+    Raises:
+        SourceError: it names nothing that can be opened; the text says why.
+        FileFormatError: the file is there, and is not what it should be.
+        MissingDependencyError: the RealSense library cannot be loaded.
+    """
+    scheme, colon, rest = text.partition(":")
+    if scheme == "sim" and colon:
+        track, options = _simulated(rest, seed)
+        if options.sensor == "rgbd":
+            return render_track(track, options)
+    if scheme == "realsense":
+        from conegraph.frontend.realsense import LiveCamera
+
+        return LiveCamera(rest)
+    path = Path(text)
+    if _is_there(path / "rgb.txt"):
+        from conegraph.io.rgbd_folder import read_rgbd_folder
+
+        return read_rgbd_folder(path)
+    if path.suffix in (".db3", ".bag") and _is_there(path):
+        from conegraph.frontend.realsense import read_realsense
+
+        return read_realsense(path)
+    return open_source(text, seed=seed)
+
+
+def _is_there(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
+
+
+def _simulated(rest: str, seed: int) -> tuple[str, SimOptions]:
+    track, _, query = rest.partition("?")
+    return track, parse_sim_query(query, seed=seed)
 
 
 def open_source(text: str, *, seed: int = 0) -> Source:
-    """Open what a SOURCE names.
+    """Open a SOURCE of cones.
 
     Args:
         text: a folder with a cone log, ``mrclam:FOLDER/RobotN``,
@@ -72,17 +125,40 @@ def open_source(text: str, *, seed: int = 0) -> Source:
     """
     scheme, colon, rest = text.partition(":")
     if scheme == "sim" and colon:
-        track, _, query = rest.partition("?")
-        return simulate_track(track, parse_sim_query(query, seed=seed))
+        return simulate_track(*_simulated(rest, seed))
     if scheme == "mrclam" and colon:
         return _open_mrclam(rest)
     if scheme == "victoria-park":
         from conegraph.io.victoria_park import read_victoria_park
 
         return read_victoria_park(_existing(rest) if rest else None)
-    if scheme in NOT_YET:
-        raise _not_yet(text, scheme)
+    if scheme == "realsense":
+        raise SourceError(f"{text}: {PICTURES}")
     return _open_path(text)
+
+
+def render_track(track: str, options: SimOptions) -> CameraDrive:
+    """Drive a track as `simulate_track` does, with an RGB-D camera on the car.
+
+    Raises:
+        SourceError: neither a file nor a built-in name, or no such light.
+        FileFormatError: the file is no track.
+    """
+    from conegraph.sim.camera_drive import drive_with_camera
+    from conegraph.sim.odometry import OdometrySensor
+    from conegraph.sim.render import LIGHT_NAMES
+    from conegraph.sim.vehicle import VehicleModel
+
+    light = next((name for name in LIGHT_NAMES if name == options.light), None)
+    return drive_with_camera(
+        _layout(track, options.seed),
+        laps=options.laps,
+        seed=options.seed,
+        rate_hz=options.rate,
+        light=light,
+        vehicle=VehicleModel(stand_s=options.stand),
+        odometry=OdometrySensor() if options.odometry else None,
+    )
 
 
 def simulate_track(track: str, options: SimOptions) -> Recording:
@@ -101,6 +177,8 @@ def simulate_track(track: str, options: SimOptions) -> Recording:
     from conegraph.sim.odometry import OdometrySensor
     from conegraph.sim.vehicle import VehicleModel
 
+    if options.sensor == "rgbd":
+        raise SourceError(f"sim:{track}: {PICTURES}")
     sensor = LIDAR if options.sensor == "lidar" else CAMERA
     return simulate(
         _layout(track, options.seed),
@@ -134,7 +212,7 @@ def parse_sim_query(query: str, *, seed: int = 0) -> SimOptions:
             case "seed":
                 options = replace(options, seed=_whole(item, value, 0, 2**63 - 1))
             case "sensor":
-                _one_of(item, value, ("camera", "lidar"))
+                _one_of(item, value, ("camera", "lidar", "rgbd"))
                 options = replace(options, sensor=value)
             case "odometry":
                 _one_of(item, value, ("on", "off"))
@@ -151,6 +229,14 @@ def parse_sim_query(query: str, *, seed: int = 0) -> SimOptions:
                 options = replace(options, delay=_seconds(item, value, MAX_DELAY_S))
             case "stand":
                 options = replace(options, stand=_seconds(item, value, MAX_STAND_S))
+            case "rate":
+                rate = _number(item, value, MAX_RATE_HZ, f"Hz, up to {MAX_RATE_HZ:g}")
+                if rate <= 0.0:
+                    raise SourceError(f"sim: {item!r}: expected more than 0 Hz")
+                options = replace(options, rate=rate)
+            case "light":
+                _one_of(item, value, LIGHTS)
+                options = replace(options, light=value)
             case _:
                 keys = tuple(SimOptions.__dataclass_fields__)
                 raise SourceError(
@@ -188,7 +274,9 @@ def _whole(item: str, value: str, low: int, high: int) -> int:
 
 def _one_of(item: str, value: str, allowed: tuple[str, ...]) -> None:
     if value not in allowed:
-        raise SourceError(f"sim: {item!r}: expected {' or '.join(allowed)}")
+        *others, last = allowed
+        names = f"{', '.join(others)} or {last}"
+        raise SourceError(f"sim: {item!r}: expected {names}")
 
 
 def _layout(track: str, seed: int) -> TrackLayout:
@@ -234,9 +322,11 @@ def _open_path(text: str) -> Recording:
     names = {path.suffix} if path.is_file() else _names_in(path)
     if names & {"cones.csv", "cones.csv.gz"}:
         return read_cone_log(path)
-    for mark in NOT_YET:
+    for mark, what in NOT_YET.items():
         if mark in names:
-            raise _not_yet(text, mark)
+            raise SourceError(f"{text}: {what} are not supported yet")
+    if names & {"rgb.txt", ".db3", ".bag"}:
+        raise SourceError(f"{text}: {PICTURES}")
     if path.is_dir():
         if "Barcodes.dat" in names:
             raise SourceError(f"{text}: for a robot's drive write mrclam:{text}/Robot1")
@@ -271,10 +361,6 @@ def _siblings(path: Path) -> list[str]:
     if not path.parent.is_dir():
         return []
     return [str(path.parent / file.name) for file in path.parent.iterdir()]
-
-
-def _not_yet(text: str, mark: str) -> SourceError:
-    return SourceError(f"{text}: {NOT_YET[mark]} are not supported yet")
 
 
 def _hint(given: str, valid: Iterable[str]) -> str:

@@ -5,9 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from conegraph.camera import RgbdFrame
 from conegraph.errors import ConegraphError, SourceError
-from conegraph.sources import SimOptions, open_source, parse_sim_query
-from conegraph.types import ConeObservations, Source, VelocityObservation
+from conegraph.sim.camera_drive import CameraDrive
+from conegraph.sources import SimOptions, open_source, open_stream, parse_sim_query
+from conegraph.types import ConeObservations, Recording, Source, VelocityObservation
 
 CONES = "t,x,y,class\n0,1,2,blue\n0,3,-2,yellow\n0.1,1.5,2,blue\n"
 
@@ -60,8 +62,10 @@ def test_a_random_track_may_name_its_own_seed() -> None:
         ("laps", "sim: 'laps': expected a whole number, 1 to 1000"),
         ("seed=-1", "sim: 'seed=-1': expected a whole number, 0 to"),
         ("seed=²", "sim: 'seed=²': expected a whole number, 0 to"),
-        ("sensor=radar", "sim: 'sensor=radar': expected camera or lidar"),
+        ("sensor=radar", "sim: 'sensor=radar': expected camera, lidar or rgbd"),
         ("odometry=yes", "sim: 'odometry=yes': expected on or off"),
+        ("rate=0", "sim: 'rate=0': expected more than 0 Hz"),
+        ("light=dark", "sim: 'light=dark': expected bright, overcast, low_sun or dusk"),
         ("missed=1.5", "sim: 'missed=1.5': expected a share, 0 to 1"),
         ("false_cones=nan", "sim: 'false_cones=nan': expected a share, 0 to 1"),
         ("wrong_colour=few", "sim: 'wrong_colour=few': expected a share, 0 to 1"),
@@ -129,12 +133,13 @@ def _polar(radius_m: float, angle_deg: float) -> tuple[float, float]:
         ("", "", "give a SOURCE"),
         ("bag/a.txt", "{}/bag", "{}/bag: no cones.csv in this folder"),
         ("track.yaml", "{}/track.yaml", "{}/track.yaml: a file is no SOURCE by"),
-        ("r.bag", "{}/r.bag", "{}/r.bag: ROS and RealSense recordings are not"),
+        ("r.bag", "{}/r.bag", "{}/r.bag: gives pictures, and only cones"),
         ("r.mcap", "{}/r.mcap", "{}/r.mcap: ROS recordings are not supported yet"),
         ("b/metadata.yaml", "{}/b", "{}/b: ROS recordings are not supported yet"),
-        ("tum/rgb.txt", "{}/tum", "{}/tum: RGB-D sequences are not supported yet"),
-        ("", "realsense", "realsense: live cameras are not supported yet"),
-        ("", "realsense:123", "realsense:123: live cameras are not supported yet"),
+        ("tum/rgb.txt", "{}/tum", "{}/tum: gives pictures, and only cones"),
+        ("", "realsense", "realsense: gives pictures, and only cones"),
+        ("", "realsense:123", "realsense:123: gives pictures, and only cones"),
+        ("", "sim:oval?sensor=rgbd", "sim:oval: gives pictures, and only cones"),
         ("m/Barcodes.dat", "{}/m", "{}/m: for a robot's drive write mrclam:{}/m/Robo"),
         ("", "mrclam:{}/log/Robot1", "mrclam:{}/log/Robot1: no Robot1_Odometry.dat"),
         ("", "mrclam:{}/lgo/Robot1", "{}/lgo: no such file or folder; did you mean"),
@@ -154,6 +159,41 @@ def test_what_cannot_be_opened_says_why(
     with pytest.raises(SourceError) as caught:
         open_source(text.format(root))
     assert str(caught.value).startswith(message.format(root, root))
+
+
+def test_a_drive_can_be_had_as_pictures() -> None:
+    stream = open_stream("sim:acceleration?sensor=rgbd&rate=2&light=dusk&seed=3")
+    assert isinstance(stream, CameraDrive)
+    assert stream.scene.light.name == "dusk"
+    frame = next(e for e in stream.events() if isinstance(e, RgbdFrame))
+    assert frame.color.shape == (480, 640, 3)
+    assert stream.n_frames is not None
+    duration = stream.truth_trajectory.stamp_s[-1]
+    assert stream.n_frames == int(duration * 2) + 1
+
+
+def test_a_stream_may_be_of_cones(log: Path) -> None:
+    assert isinstance(open_stream(str(log)), Recording)
+
+
+@pytest.mark.parametrize(
+    ("make", "text", "message"),
+    [
+        ("tum/rgb.txt", "{}/tum", "{}/tum/depth.txt: is missing: not an RGB-D"),
+        ("r.bag", "{}/r.bag", "{}/r.bag: is no RealSense recording: "),
+        ("r.db3", "{}/r.db3", "{}/r.db3: is no RealSense recording: "),
+        ("", "{}/none.db3", "{}/none.db3: no such file or folder"),
+    ],
+)
+def test_pictures_that_cannot_be_opened_say_why(
+    tmp_path: Path, make: str, text: str, message: str
+) -> None:
+    if make:
+        (tmp_path / make).parent.mkdir(exist_ok=True)
+        (tmp_path / make).touch()
+    with pytest.raises(ConegraphError) as caught:
+        open_stream(text.format(tmp_path))
+    assert str(caught.value).startswith(message.format(tmp_path))
 
 
 @pytest.mark.parametrize("text", ["sim:", "sim:?laps=1", "mrclam:", "\0", "a" * 5000])

@@ -11,13 +11,14 @@ from pathlib import Path
 from rich.console import Console
 from rich.text import Text
 
+from conegraph.camera_stream import CameraStream, with_front_end
 from conegraph.cli.progress import progress_bar
 from conegraph.config import Config
 from conegraph.eval import Comparison, render_table
 from conegraph.pipeline import Pipeline, RunResult
-from conegraph.sources import open_source
+from conegraph.sources import open_stream
 from conegraph.types import ConeMap, Source
-from conegraph.viewer import Viewer, open_viewer
+from conegraph.viewer import Viewer, open_viewer, watch_camera
 
 RECORDING = "run.rrd"
 WIDTH_WITHOUT_TERMINAL = 100
@@ -49,7 +50,8 @@ def run_jobs(
     """
     config = next(iter(jobs.values())).config
     with progress_bar(f"reading {config.source}"):
-        source = open_source(config.source, seed=config.seed)
+        stream = open_stream(config.source, seed=config.seed)
+    source = with_front_end(stream, config)
     out.mkdir(parents=True, exist_ok=True)
     recording = out / RECORDING
     # One of an earlier run would not be of this one.
@@ -60,7 +62,11 @@ def run_jobs(
             live=view,
             path=recording if save_rrd else None,
             map_period_s=config.viewer.map_period_s,
+            camera=isinstance(source, CameraStream),
         )
+        if isinstance(source, CameraStream):
+            period_s = config.viewer.picture_period_s
+            source.watcher = watch_camera(viewers, period_s=period_s)
         for viewer in viewers.values():
             closing.callback(viewer.close)
         return {

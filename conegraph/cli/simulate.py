@@ -1,22 +1,38 @@
-"""``conegraph simulate``: a drive that is known to the last cone, as a cone log."""
+"""``conegraph simulate``: a drive that is known to the last cone, written down."""
 
 from __future__ import annotations
 
 from enum import StrEnum
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from conegraph.cli.options import OutOption
 from conegraph.errors import ConegraphError
-from conegraph.sources import MAX_LAPS, SimOptions, simulate_track
+from conegraph.sources import (
+    MAX_LAPS,
+    MAX_RATE_HZ,
+    SimOptions,
+    render_track,
+    simulate_track,
+)
 
 
 class Sensor(StrEnum):
-    """The sensors that the simulator knows."""
+    """The cone sensors that the simulator knows."""
 
     CAMERA = "camera"
     LIDAR = "lidar"
+
+
+class LightName(StrEnum):
+    """The lights that pictures can be taken in."""
+
+    BRIGHT = "bright"
+    OVERCAST = "overcast"
+    LOW_SUN = "low_sun"
+    DUSK = "dusk"
 
 
 def simulate(
@@ -34,16 +50,61 @@ def simulate(
         Sensor, typer.Option(help="The cone sensor on the car.")
     ] = Sensor.CAMERA,
     odometry: Annotated[bool, typer.Option(help="Record wheels and gyro too.")] = True,
+    camera: Annotated[
+        bool,
+        typer.Option("--camera", help="Render RGB-D pictures in place of cones."),
+    ] = False,
+    rate: Annotated[
+        float, typer.Option(help="Pictures per second.", min=0.1, max=MAX_RATE_HZ)
+    ] = 15.0,
+    light: Annotated[
+        LightName | None,
+        typer.Option(help="Light of the pictures; by chance if not given."),
+    ] = None,
 ) -> None:
-    """Drive a track in the simulator; write a cone log."""
+    """Drive a track in the simulator; write a cone log, or RGB-D pictures."""
+    options = SimOptions(
+        laps,
+        seed,
+        sensor.value,
+        odometry,
+        rate=rate,
+        light="" if light is None else light.value,
+    )
+    if camera:
+        _write_pictures(track, options, out)
+    else:
+        _write_cones(track, options, out)
+
+
+def _write_cones(track: str, options: SimOptions, out: Path) -> None:
     from conegraph.cli.progress import progress_bar
     from conegraph.io.cone_log import write_cone_log
 
     if any(out.glob("cones.csv*")):
         raise ConegraphError(f"{out}: holds a cone log already; name another folder")
     with progress_bar(f"driving {track}"):
-        recording = simulate_track(
-            track, SimOptions(laps, seed, sensor.value, odometry)
-        )
+        recording = simulate_track(track, options)
         write_cone_log(out, recording)
     typer.echo(f"{out}: {recording.n_frames} frames of {recording.name}")
+
+
+def _write_pictures(track: str, options: SimOptions, out: Path) -> None:
+    from conegraph.camera import RgbdFrame
+    from conegraph.cli.progress import progress_bar
+    from conegraph.io.rgbd_writer import RgbdWriter
+
+    with progress_bar(f"building {track}"):
+        drive = render_track(track, options)
+    with (
+        RgbdWriter(out, drive.rig.camera, drive.rig.mount) as writer,
+        progress_bar(f"rendering {track}", drive.n_frames) as advance,
+    ):
+        writer.add_truth(
+            list(drive.velocities), drive.truth_trajectory, drive.truth_map
+        )
+        for event in drive.events():
+            if isinstance(event, RgbdFrame):
+                writer.add(event)
+                advance(writer.frames)
+    typer.echo(f"{out}: {drive.n_frames} frames of {drive.name}")
