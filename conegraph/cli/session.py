@@ -87,15 +87,28 @@ def _run_job(name: str, job: Job, source: Source, viewer: Viewer) -> RunResult:
         result = pipeline.run(job.folder, advance)
     for reason, count in result.summary["rejected"].items():
         print(f"conegraph: {name}: {count} x {reason}: left out", file=sys.stderr)
+    doubt = result.summary["consistency"]
+    if doubt["overconfident_frames"]:
+        print(
+            f"conegraph: {name}: overconfident in {doubt['overconfident_frames']} of "
+            f"{result.summary['frames']} frames, NIS/dof up to "
+            f"{doubt['overconfident_worst']:.1f}: the noise is assumed too small; "
+            "conegraph tune estimates it",
+            file=sys.stderr,
+        )
     return result
 
 
 def print_comparison(comparison: Comparison) -> None:
     """Print the table of figures, what is odd about them, and the verdict."""
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=WIDTH_WITHOUT_TERMINAL)
-    console.print(render_table(comparison))
+    out = console()
+    out.print(render_table(comparison))
     for warning in comparison.warnings:
-        console.print(Text(f"Note: {warning}"))
-    console.print(Text(comparison.verdict))
+        out.print(Text(f"Note: {warning}"))
+    out.print(Text(comparison.verdict))
+
+
+def console() -> Console:
+    """Return where tables are printed: as wide as the terminal, if there is one."""
+    terminal = Console()
+    return terminal if terminal.is_terminal else Console(width=WIDTH_WITHOUT_TERMINAL)

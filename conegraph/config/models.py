@@ -107,9 +107,16 @@ class MotionConfig(Section):
     odometry_as_input: bool = True
     """Integrate odometry between frames; False corrects the state with each sample
     (thesis section 4.4.2)."""
+    odometry_scale: Annotated[tuple[Positive, Positive], Field(strict=False)] = (
+        1.0,
+        1.0,
+    )
+    """Factors on the reported sigmas of odometry's speed and yaw rate."""
     odometry_hold_s: Positive = 1.1
     """How long the last odometry sample is trusted when no newer one comes; real
     logs have gaps of a second."""
+    standstill: bool = True
+    """Predict a car that stands, by its odometry, to stay where it is."""
     gyro_bias_sigma_radps: NonNegative | None = None
     """Prior on the bias of odometry's yaw rate; 0 leaves it out; left out, the
     source's, or else 0.01, a cheap gyro's."""
@@ -183,8 +190,11 @@ class SensorConfig(Section):
     """Chance of seeing a cone well inside the view; 0 turns pruning off."""
     noise_at: Literal["predicted", "measured"] = "predicted"
     """Range at which sigma is evaluated; `measured` shrinks maps (thesis)."""
+    noise_from: Literal["source", "model"] = "source"
+    """Where a cone's covariance comes from: as the `source` reports it, or from the
+    sensor's `model`, the keys above."""
     scale: Positive = 1.0
-    """Factor on every reported sigma."""
+    """Factor on every sigma, reported or modelled."""
 
 
 class GateConfig(Section):
@@ -217,7 +227,7 @@ class StatusConfig(Section):
     """Share of recent cones that must match for the status to be OK."""
     init_frames: Annotated[int, Field(ge=0)] = 3
     """Frames with matched cones before the status is OK."""
-    overconfident_ratio: Annotated[float, Field(ge=1, allow_inf_nan=False)] = 1.25
+    overconfident_ratio: Positive = 1.25
     """Innovations over 5 s with a mean NIS per degree of freedom above this, and
     above chance, are reported as overconfident."""
 
@@ -245,6 +255,8 @@ class ViewerConfig(Section):
 
     map_period_s: NonNegative = 0.5
     """Time between full maps with their covariances."""
+    picture_period_s: NonNegative = 0.2
+    """Time between pictures of a camera; they make up most of a recording."""
 
 
 class TrackConfig(Section):
