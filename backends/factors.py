@@ -36,6 +36,9 @@ SHORT_STEP = np.array([1e-8, 1e-8, 1e-9])
 ONE_CONE_SIGMA_M = 0.003
 """How exactly two variables that are one cone coincide."""
 
+JUMP_SIGMAS = np.array([100.0, 100.0, 10.0])
+"""A car that was carried may be anywhere; this only keeps its pose determined."""
+
 
 def start_prior(sigmas: Array) -> gtsam.NonlinearFactor:
     """Hold pose ``x_0`` at the origin, sigmas (3,) in m, m, rad."""
@@ -97,6 +100,13 @@ def free_motion(
     ]
 
 
+def jump(k: int, before: Array, now: Array) -> gtsam.NonlinearFactor:
+    """Join ``x_{k-1}`` and ``x_k``, poses (3,), by next to nothing."""
+    moved = gtsam.Pose2(*before).between(gtsam.Pose2(*now))
+    noise = gtsam.noiseModel.Diagonal.Sigmas(JUMP_SIGMAS)
+    return gtsam.BetweenFactorPose2(X(k - 1), X(k), moved, noise)
+
+
 def odometry_motion(
     k: int,
     increment: OdometryIncrement,
@@ -110,6 +120,7 @@ def odometry_motion(
     tracker was, at ``before`` (3,) and the given bias (its segment and value). Its
     Jacobians ``-Ad(d^-1), I, -R(d)' J`` do not depend on where in the world the
     poses are: a closure that turns the map by t leaves an error ``|d| t^2 / 2``.
+    A bias that the increment shows by itself is one row more.
     """
     cov = increment.cov
     if bias is None:
@@ -123,16 +134,24 @@ def odometry_motion(
     turn = np.eye(3)
     turn[:2, :2] = step.rotation().matrix().T
     whiten = np.linalg.inv(np.linalg.cholesky(_body_cov(moved, cov)))
-    by_bias = -(turn @ increment.bias_jacobian)[:, None]
+    by_bias = whiten @ -(turn @ increment.bias_jacobian)[:, None]
+    by_before, by_now = -whiten @ step.inverse().AdjointMap(), whiten
+    target = np.zeros(3)
+    if increment.bias is not None:
+        seen, sigma = increment.bias
+        by_before = np.vstack([by_before, np.zeros(3)])
+        by_now = np.vstack([by_now, np.zeros(3)])
+        by_bias = np.vstack([by_bias, [[1.0 / sigma]]])
+        target = np.array([0.0, 0.0, 0.0, (seen - value) / sigma])
     linear = gtsam.JacobianFactor(
         X(k - 1),
-        -whiten @ step.inverse().AdjointMap(),
+        by_before,
         X(k),
-        whiten,
+        by_now,
         B(segment),
-        whiten @ by_bias,
-        np.zeros(3),
-        gtsam.noiseModel.Unit.Create(3),
+        by_bias,
+        target,
+        gtsam.noiseModel.Unit.Create(len(target)),
     )
     at = gtsam.Values()
     at.insert(X(k - 1), gtsam.Pose2(*before))

@@ -89,7 +89,7 @@ class Isam2Backend(Tracker):
         """Solve the whole graph to convergence and take its map over."""
         if self._waiting:
             self._update_graph()
-        if not self.mapper.stamps_s:
+        if len(self.mapper.journal) == 0:
             return None
         try:
             path = self.mapper.settle(polish=self._graph_config.polish)
@@ -136,18 +136,18 @@ class Isam2Backend(Tracker):
             return
         if retractions:
             undone = tuple(
-                LoopClosure(r.stamp_s, 0.0, False, f"undone: residual d2 {r.d2:.0f}")
+                LoopClosure(
+                    r.stamp_s, 0.0, False, f"undone: residual d2 {np.median(r.d2):.0f}"
+                )
                 for r in retractions
+                if r.closure
             )
             events = self.last_events
             self.last_events = replace(events, closures=events.closures + undone)
 
     def _load_snapshot(self) -> None:
-        filter_ = self.map.filter
         snapshot = take_snapshot(
             self.mapper,
-            filter_.vehicle,
-            filter_.vehicle_cov,
             self.sensor.max_range_m + self._graph_config.snapshot_margin_m,
         )
         self._pose_cov = snapshot.pose_cov

@@ -1,208 +1,250 @@
 """The factor graph behind the tracker: every frame, solved by iSAM2.
 
-(Kaess, Johannsson, Roberts, Ila, Leonard, Dellaert, "iSAM2: Incremental smoothing
-and mapping using the Bayes tree", IJRR 2012.)
+Recent frames are in the graph one by one. Once the map has closed on itself, older
+ones are summed up in one factor on the cones, so that an update costs the same in
+every lap. The journal keeps all that was ever said, for the final solution.
 """
 
 from __future__ import annotations
 
 import logging
-from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import B, L, V, X
+from gtsam.symbol_shorthand import L, X
 
-from conegraph.backends.factors import (
-    KNOWN_MAP_SIGMAS,
-    ORIGIN_SIGMAS,
-    bias_prior,
-    bias_walk,
-    cone_factors,
-    free_motion,
-    known_cone_prior,
-    odometry_motion,
-    one_cone,
-    start_prior,
-    velocity_prior,
+from conegraph.backends.graph_builder import (
+    Factors,
+    GraphBuilder,
+    first_values,
+    pose_array,
 )
-from conegraph.backends.motion import NV, OdometryIncrement, yaw_rate_bias_sigma
+from conegraph.backends.journal import Entry, Journal, Retraction
+from conegraph.backends.reviewer import (
+    LOOP_CONES,
+    LOOP_D2,
+    REVIEW_AFTER_S,
+    SUSPECT_D2,
+    Loop,
+    LoopWatch,
+    residual_d2,
+)
+from conegraph.backends.solver import (
+    kind,
+    new_isam,
+    number,
+    restricted,
+    solve,
+    summarise,
+)
 from conegraph.backends.tracked_frame import TrackedFrame
 from conegraph.config import Isam2Config, MotionConfig
-from conegraph.geometry import to_child, to_parent
-from conegraph.types import Array, ConeMap, Trajectory
+from conegraph.geometry import to_parent
+from conegraph.types import Array, ConeMap, IntArray, Trajectory
 
 log = logging.getLogger(__name__)
 
-WILDFIRE = 1e-3
-"""Smallest change that is passed on through the tree."""
+KEEP = 30
+"""Newest poses that stay in the graph when older ones are summed up."""
 
-BIAS_SEGMENT_S = 10.0
-"""Length of a stretch of time with one yaw-rate bias."""
+SUM_UP_EVERY = 300
+"""Poses that come between two times of summing up."""
+
+LONGEST_EXACT = 8000
+"""Poses after which old ones are summed up even though no loop has closed."""
 
 POLISH_ROUNDS = 2
-"""Linearisations of odometry with a bias in the final solution."""
-
-CLOSURE_D2 = 25.0
-"""A closure whose factors end up farther off than this, on average, is undone."""
-
-
-@dataclass(frozen=True, slots=True)
-class Retraction:
-    """A loop closure that did not stand the test after the fact."""
-
-    stamp_s: float
-    d2: float
+"""Linearisations of odometry with a bias in a batch solution."""
 
 
 class Mapper:
-    """Feeds tracked frames into iSAM2 and reads estimates back."""
+    """Feeds tracked frames into iSAM2, doubts them, and sums up what is settled."""
 
     def __init__(
         self, config: Isam2Config, motion: MotionConfig, known: ConeMap | None = None
     ) -> None:
         """Start with an empty graph, or with the cones of a known map."""
-        self._config, self._motion = config, motion
-        bias_sigma = yaw_rate_bias_sigma(motion)
-        self.has_bias = bias_sigma > 0.0
-        self.isam = _new_isam()
-        self.stamps_s: list[float] = []
-        self.cones: dict[int, int] = {}
-        self.velocities: set[int] = set()
+        self._builder = GraphBuilder(config, motion, known)
+        self._bounded = config.bounded
+        self.isam = new_isam()
+        self.journal = Journal()
+        self.cones: dict[int, None] = {}
         self.rebuilt = 0
         self.failed = False
-        self.segment = 0
-        self._segment_s = -np.inf
-        self._graph = gtsam.NonlinearFactorGraph()
+        self._present: set[int] = set()
+        self._loops = LoopWatch(known is not None)
+        self._base: Factors = self._builder.start()
+        self._first_exact = 0
+        self._reviewed = 0
+        self._archive = gtsam.Values()
         self._first = gtsam.Values()
-        self._removed: set[int] = set()
-        self._sightings: Counter[int] = Counter()
+        self._slot: dict[tuple[int, int], int] = {}
+        self._n_slots = 0
         self._new = gtsam.NonlinearFactorGraph()
         self._new_values = gtsam.Values()
-        self._closing: list[tuple[TrackedFrame, int, list[int]]] = []
-        self._last_state = np.zeros(NV)
-        self._odometry: list[tuple[int, int, OdometryIncrement, int]] = []
-        self._new.add(start_prior(ORIGIN_SIGMAS if known is None else KNOWN_MAP_SIGMAS))
-        if self.has_bias:
-            self._new.add(bias_prior(bias_sigma))
-            self._new_values.insert(B(0), np.zeros(1))
+        self._push(self._base)
         if known is not None:
-            for cone, xy, cov in zip(
-                known.id.tolist(), known.xy_m, known.cov_m2, strict=True
-            ):
-                self._new.add(known_cone_prior(cone, xy, cov))
+            for cone, xy in zip(known.id.tolist(), known.xy_m, strict=True):
                 self._insert_cone(cone, xy)
 
-    def update(self, frames: Sequence[TrackedFrame]) -> list[Retraction]:
-        """Add frames and solve; return closures that had to be undone.
+    @property
+    def has_bias(self) -> bool:
+        """Whether odometry's yaw-rate bias is estimated."""
+        return self._builder.has_bias
 
-        A solver that throws is thrown away: the whole graph is solved anew in
-        batch from the tracker's own estimates, and if that fails too, without the
-        frames' cones.
+    @property
+    def newest(self) -> Entry:
+        """The last frame taken in."""
+        return self.journal.entries[-1]
+
+    @property
+    def window(self) -> list[Entry]:
+        """Frames whose poses are in the graph one by one."""
+        return self.journal.entries[self._first_exact :]
+
+    def pose(self, k: int) -> Array:
+        """(3,) pose of frame k of the window as the graph has it now."""
+        return pose_array(self.isam.calculateEstimatePose2(X(k)))
+
+    def cone_m(self, cone: int) -> Array:
+        """(2,) a cone as the graph has it now."""
+        return np.asarray(self.isam.calculateEstimatePoint2(L(cone)))
+
+    def cone_cov_m2(self, cone: int) -> Array:
+        """(2, 2) covariance of a cone in the world."""
+        return np.asarray(self.isam.marginalCovariance(L(cone)))
+
+    def update(self, frames: Sequence[TrackedFrame]) -> list[Retraction]:
+        """Add frames and solve; return what had to be taken back.
+
+        A solver that throws is thrown away: the graph is solved anew in batch from
+        the last good values, and if that fails too, without the frames' cones.
         """
+        begin = len(self.journal)
         for frame in frames:
             self._add(frame)
-        first_new = self._graph.size()
-        for n in range(self._new.size()):
-            self._graph.add(self._new.at(n))
         self._first.insert(self._new_values)
         try:
             self.isam.update(self._new, self._new_values)
-            self.isam.calculateEstimatePose2(X(len(self.stamps_s) - 1))
+            self.isam.calculateEstimatePose2(X(self.newest.k))
         except RuntimeError as error:
             log.warning("iSAM2: %s; solving the graph anew", _short(error))
-            self._rebuild(first_new)
+            self._rebuild(begin)
         self._new = gtsam.NonlinearFactorGraph()
         self._new_values = gtsam.Values()
-        return [] if self.failed else self._verify()
+        if self.failed:
+            return []
+        retractions = self._review(begin)
+        if self._should_sum_up():
+            retractions += self._sum_up()
+        return retractions
 
     def _add(self, frame: TrackedFrame) -> None:
-        k = len(self.stamps_s)
-        self.stamps_s.append(frame.stamp_s)
-        if k == 0:
-            self._segment_s = frame.stamp_s
+        entry = self.journal.append(frame)
+        self._loops.note(entry)
+        self._new_values.insert(first_values(entry, has_bias=self.has_bias))
         pose = frame.state[:3]
-        self._new_values.insert(X(k), gtsam.Pose2(*pose))
-        if k > 0:
-            self._join(k, frame)
         for cone, xy in zip(frame.landmark_id.tolist(), frame.xy_m, strict=True):
-            if cone not in self.cones:
+            if cone not in self._present:
                 self._insert_cone(cone, to_parent(pose, xy[None])[0])
-        self._sightings.update(frame.landmark_id.tolist())
-        begin = self._graph.size() + self._new.size()
-        for factor in cone_factors(
-            k, frame.landmark_id, frame.xy_m, frame.cov_m2, self._kernels(frame)
-        ):
+        before = np.zeros(3) if entry.before is None else entry.before.frame.state[:3]
+        self._push(self._builder.motion(entry, before, float(frame.state[5])))
+        self._slot |= self._slots_of(entry, self._n_slots)
+        self._push(self._builder.cones(entry))
+        self._push(self._builder.merges(entry, self._present))
+        for gone in (*frame.deleted, *(g for _, g in frame.merged)):
+            self.cones.pop(gone, None)
+
+    def _push(self, factors: Factors) -> None:
+        for factor in factors:
             self._new.add(factor)
-        if frame.closure:
-            end = self._graph.size() + self._new.size()
-            self._closing.append((frame, k, list(range(begin, end))))
-        for kept, gone in frame.merged:
-            if kept in self.cones and gone in self.cones:
-                self._new.add(one_cone(kept, gone))
-        self._last_state = frame.state
+        self._n_slots += len(factors)
 
-    def _kernels(self, frame: TrackedFrame) -> list[float | None]:
-        """Return each sighting's kernel width.
-
-        Cones found again after a drift were tested as a constellation and pull
-        without a kernel: one would see the drift as an outlier and let go.
-        """
-        plain = self._config.robust_kernel == "none"
-        width = self._config.robust_width
-        return [None if plain or found else width for found in frame.vague.tolist()]
-
-    def _join(self, k: int, frame: TrackedFrame) -> None:
-        """Add the motion between the last frame and this one."""
-        if frame.increment is not None:
-            bias = self._bias(frame) if self.has_bias else None
-            if bias is not None:
-                place = self._graph.size() + self._new.size()
-                self._odometry.append((place, k, frame.increment, bias[0]))
-            before = self._last_state[:3]
-            self._new.add(odometry_motion(k, frame.increment, before, bias))
-            return
-        u, r = self._last_state[3:5]
-        if k - 1 not in self.velocities:
-            self._new_values.insert(V(k - 1), np.array([u, 0.0, r]))
-            self.velocities.add(k - 1)
-            doubt = self._motion.start_speed_sigma_mps
-            sigmas = np.array([max(doubt, 0.01), max(0.2 * doubt, 0.01)])
-            self._new.add(velocity_prior(k - 1, np.array([u, r]), sigmas))
-        self._new_values.insert(V(k), np.array([frame.state[3], 0.0, frame.state[4]]))
-        self.velocities.add(k)
-        before_s = self.stamps_s[k - 1]
-        for factor in free_motion(k, before_s, frame.stamp_s, self._motion):
-            self._new.add(factor)
-
-    def _bias(self, frame: TrackedFrame) -> tuple[int, float]:
-        """Return the segment of the yaw-rate bias and its value in the tracker."""
-        value = float(frame.state[5])
-        elapsed_s = frame.stamp_s - self._segment_s
-        if elapsed_s > BIAS_SEGMENT_S:
-            self.segment += 1
-            self._segment_s = frame.stamp_s
-            walk = self._motion.gyro_bias_walk
-            self._new.add(bias_walk(self.segment, elapsed_s, walk))
-            self._new_values.insert(B(self.segment), np.array([value]))
-        return self.segment, value
+    @staticmethod
+    def _slots_of(entry: Entry, first: int) -> dict[tuple[int, int], int]:
+        """Number the factors of an entry's kept sightings from a first slot on."""
+        kept = np.flatnonzero(entry.kept).tolist()
+        return {(entry.k, i): first + n for n, i in enumerate(kept)}
 
     def _insert_cone(self, cone: int, xy_m: Array) -> None:
-        self.cones[cone] = len(self.cones)
+        self.cones[cone] = None
+        self._present.add(cone)
         self._new_values.insert(L(cone), xy_m)
 
-    def _rebuild(self, trusted: int) -> None:
-        """Solve everything again, at worst without the newest cones.
+    def _graph(
+        self, base: Factors, entries: Sequence[Entry], values: gtsam.Values
+    ) -> tuple[gtsam.NonlinearFactorGraph, dict[tuple[int, int], int]]:
+        """Return a graph linearised anew where it is linear, and its sightings' slots.
+
+        Where the tracker was when a frame came, odometry with a bias is off by half
+        the square of the turn that closures have given the map since.
+        """
+        graph = gtsam.NonlinearFactorGraph()
+        slot: dict[tuple[int, int], int] = {}
+        present = {number(key) for key in list(values.keys()) if kind(key) == "l"}
+        for factor in base:
+            graph.add(factor)
+        for entry in entries:
+            for factor in self._builder.motion_at(entry, values):
+                graph.add(factor)
+            slot |= self._slots_of(entry, graph.size())
+            for factor in self._builder.cones(entry):
+                graph.add(factor)
+            for factor in self._builder.merges(entry, present):
+                graph.add(factor)
+        return graph, slot
+
+    def _solved(
+        self, base: Factors, entries: Sequence[Entry], values: gtsam.Values
+    ) -> gtsam.Values:
+        """Solve a graph in batch, starting from values that hold all its variables."""
+        for _ in range(POLISH_ROUNDS if self.has_bias else 1):
+            graph, _ = self._graph(base, entries, values)
+            values = solve(graph, restricted(values, graph.keyVector()))
+        return values
+
+    def _converged(
+        self, base: Factors, entries: Sequence[Entry], values: gtsam.Values
+    ) -> tuple[gtsam.Values, list[Retraction]]:
+        """Solve in batch, doubt every sighting, solve again without the bad ones."""
+        values = self._solved(base, entries, values)
+        taken: list[Retraction] = []
+        for entry in entries:
+            pose = pose_array(values.atPose2(X(entry.k)))
+            cones = np.array([values.atPoint2(L(c)) for c in entry.cones.tolist()])
+            taken += self._doubt(entry, residual_d2(entry, pose, cones))
+        if taken:
+            values = self._solved(base, entries, values)
+        return values, taken
+
+    def _solved_window(self) -> gtsam.Values:
+        return self._solved(self._base, self.window, self.isam.calculateEstimate())
+
+    def _start_anew(self, values: gtsam.Values) -> None:
+        """Let a new solver hold the base and the window, linearised at values."""
+        graph, slot = self._graph(self._base, self.window, values)
+        values = restricted(values, graph.keyVector())
+        isam = new_isam()
+        isam.update(graph, values)
+        self.isam, self._first = isam, values
+        self._slot, self._n_slots = slot, graph.size()
+        self._present = {c for c in self._present if values.exists(L(c))}
+        self.cones = {c: None for c in self.cones if c in self._present}
+
+    def _rebuild(self, begin: int) -> None:
+        """Solve everything again, at worst without the newest frames' cones.
 
         If even that fails the graph is given up: `failed` is set, and what it last
         believed is all that it will ever say.
         """
         self.rebuilt += 1
-        for first_new in (self._graph.size(), trusted):
+        for without in (False, True):
+            if without:
+                for entry in self.journal.entries[begin:]:
+                    self.journal.drop(entry)
             try:
-                self._restart(self._live(first_new))
+                self._start_anew(self._solved(self._base, self.window, self._first))
             except RuntimeError as error:
                 log.warning("batch: %s", _short(error))
             else:
@@ -210,152 +252,160 @@ class Mapper:
         log.warning("the factor graph has no solution; going on without it")
         self.failed = True
 
-    def _live(self, trusted: int) -> gtsam.NonlinearFactorGraph:
-        """Return the factors not undone; past `trusted` only those of the motion."""
-        graph = gtsam.NonlinearFactorGraph()
-        for n in range(self._graph.size()):
-            factor = self._graph.at(n)
-            cone = isinstance(factor, gtsam.BearingRangeFactor2D)
-            if n not in self._removed and (n < trusted or not cone):
-                graph.add(factor)
-        return graph
+    def mend(self) -> None:
+        """Replace a solver that turned out to be unusable when it was read."""
+        self._rebuild(len(self.journal))
 
-    def _restart(self, graph: gtsam.NonlinearFactorGraph) -> None:
-        keys = set(graph.keyVector())
-        values = gtsam.Values(self._first)
-        every = list(values.keys())
-        for key in every:
-            if key not in keys:
-                values.erase(key)
-        isam = _new_isam()
-        isam.update(graph, solve(graph, values))
-        self.isam, self._graph, self._first = isam, graph, values
-        self._removed, self._closing, self._odometry = set(), [], []
-        self.cones = {c: n for c, n in self.cones.items() if L(c) in keys}
+    def _review(self, begin: int) -> list[Retraction]:
+        """Take back what does not fit: fresh closures, ripe loops, ripe sightings.
 
-    def _verify(self) -> list[Retraction]:
-        """Test closures against the solved graph and undo those that do not fit.
+        What iSAM2 has just closed it has not yet settled: before anything is held
+        against a sighting, the window is solved to convergence.
 
-        A wrong closure that a robust kernel has let go of shows as residuals far
+        Args:
+            begin: the first frame of this update.
+        """
+        entries, now_s = self.journal.entries, self.newest.frame.stamp_s
+        closing = [e for e in entries[begin:] if e.frame.closure]
+        loops = [Loop([e], set(e.cones.tolist()), True) for e in closing]
+        ripe = self._loops.ripe(now_s)
+        loops += [] if ripe is None else [ripe]
+        end = max(self._reviewed, self._first_exact)
+        while (
+            end < len(entries) and now_s - entries[end].frame.stamp_s > REVIEW_AFTER_S
+        ):
+            end += 1
+        doubted = entries[max(self._reviewed, self._first_exact) : end]
+        taken: list[Retraction] = []
+        if any(self._is_off(loop) for loop in loops) or self._suspects(doubted):
+            self._start_anew(self._solved_window())
+            taken = [r for loop in loops for r in self._doubt_loop(loop)]
+            for entry in doubted:
+                taken += self._doubt(entry, self._residual_d2(entry))
+            self._remove(taken)
+        self._reviewed = end
+        if ripe is not None:
+            enough = ripe.by_start_line or len(ripe.returned) >= LOOP_CONES
+            self._loops.stands |= enough and not self._is_off(ripe)
+        return taken
+
+    def _suspects(self, entries: Sequence[Entry]) -> bool:
+        return any((self._residual_d2(e) > SUSPECT_D2).any() for e in entries)
+
+    def _doubt(self, entry: Entry, d2: Array) -> list[Retraction]:
+        """Take sightings of an entry back that are far off in the solution."""
+        bad = d2 > SUSPECT_D2
+        return self.journal.retract(entry, np.flatnonzero(entry.kept)[bad], d2[bad])
+
+    def _off_d2(self, loop: Loop) -> list[tuple[Entry, IntArray, Array]]:
+        """Return places and d2 of a loop's sightings, by entry of the window."""
+        found = []
+        for entry in loop.entries:
+            if entry.k >= self._first_exact:
+                of_loop = loop.sightings(entry)
+                d2 = self._residual_d2(entry)[of_loop[entry.kept]]
+                found.append((entry, np.flatnonzero(of_loop), d2))
+        return found
+
+    def _is_off(self, loop: Loop) -> bool:
+        """Whether a loop's sightings are far outside their noise."""
+        d2 = [off for _, _, off in self._off_d2(loop)]
+        return any(map(len, d2)) and bool(np.median(np.concatenate(d2)) > LOOP_D2)
+
+    def _doubt_loop(self, loop: Loop) -> list[Retraction]:
+        """Undo a loop that does not fit.
+
+        A wrong loop that the graph could not be bent to shows as residuals far
         outside their noise, where a right one has been pulled together.
         """
-        undone = []
-        for frame, k, index in self._closing:
-            pose = self.pose(k)
-            cones = np.array([self.cone_m(c) for c in frame.landmark_id.tolist()])
-            residual = frame.xy_m - to_child(pose, cones)
-            white = np.linalg.solve(frame.cov_m2, residual[..., None])[..., 0]
-            d2 = float(np.median((residual * white).sum(axis=1)))
-            if d2 > CLOSURE_D2:
-                undone.append(Retraction(frame.stamp_s, d2))
-                self._remove(frame, index)
-        self._closing = []
-        return undone
+        if not self._is_off(loop):
+            return []
+        found = self._off_d2(loop)
+        return [r for e, i, d2 in found for r in self.journal.retract(e, i, d2)]
 
-    def _remove(self, frame: TrackedFrame, index: list[int]) -> None:
-        """Take a frame's cone factors out, save those that alone hold a cone."""
-        gone = [
-            n
-            for n, cone in zip(index, frame.landmark_id.tolist(), strict=True)
-            if self._sightings[cone] > 1
+    def _residual_d2(self, entry: Entry) -> Array:
+        cones = np.array([self.cone_m(c) for c in entry.cones.tolist()])
+        return residual_d2(entry, self.pose(entry.k), cones)
+
+    def _remove(self, retractions: Sequence[Retraction]) -> None:
+        """Take retracted sightings out of the solver."""
+        gone = [self._slot.pop((r.k, i)) for r in retractions for i in r.index.tolist()]
+        if gone:
+            self.isam.update(gtsam.NonlinearFactorGraph(), gtsam.Values(), gone)
+
+    def _should_sum_up(self) -> bool:
+        if not self._bounded or self._loops.open is not None:
+            return False
+        if not self._loops.stands:
+            return len(self.window) >= LONGEST_EXACT
+        enough = KEEP + (SUM_UP_EVERY if self._first_exact else 1)
+        return len(self.window) >= enough
+
+    def _sum_up(self) -> list[Retraction]:
+        """Sum all but the newest poses up in one factor on the cones.
+
+        The window is first solved to convergence and doubted once more: what is
+        summed up is linear at these values for good.
+        """
+        estimate = self.isam.calculateEstimate()
+        values, taken = self._converged(self._base, self.window, estimate)
+        last = len(self.journal) - 1 - KEEP
+        old = self.journal.entries[self._first_exact : last + 1]
+        graph, _ = self._graph(self._base, old, values)
+        gone = self._settled_keys(graph, last)
+        self._base = [summarise(graph, restricted(values, graph.keyVector()), gone)]
+        self._archive.insert(restricted(values, gone))
+        self._first_exact = last + 1
+        self._start_anew(values)
+        return taken
+
+    def _settled_keys(self, graph: gtsam.NonlinearFactorGraph, last: int) -> list[int]:
+        """Keys that no frame after ``last`` asks for: old poses, cones given up."""
+        boundary = self.journal.entries[last]
+        needed = set(self.cones)
+        for entry in self.journal.entries[last + 1 :]:
+            needed.update(entry.cones.tolist(), *entry.frame.merged)
+        first = {"x": boundary.k, "v": boundary.k, "b": boundary.segment}
+        return [
+            key
+            for key in graph.keyVector()
+            if (
+                number(key) not in needed
+                if kind(key) == "l"
+                else number(key) < first[kind(key)]
+            )
         ]
-        self._removed.update(gone)
-        self._sightings.subtract(
-            cone
-            for n, cone in zip(index, frame.landmark_id.tolist(), strict=True)
-            if n in self._removed
-        )
-        self.isam.update(gtsam.NonlinearFactorGraph(), gtsam.Values(), gone)
-
-    def pose(self, k: int) -> Array:
-        """(3,) pose of frame k as the graph has it now."""
-        return _as_array(self.isam.calculateEstimatePose2(X(k)))
-
-    def cone_m(self, cone: int) -> Array:
-        """(2,) a cone as the graph has it now."""
-        return np.asarray(self.isam.calculateEstimatePoint2(L(cone)))
 
     def settle(self, *, polish: bool) -> Trajectory | None:
         """Solve to convergence if asked; return the whole path, None if failed.
 
-        iSAM2 ends where its thresholds let it; three forced relinearisations used
-        to move a map by 0.3 m.
+        iSAM2 ends where its thresholds let it, and what was summed up is linear;
+        the journal has everything as it was said. Sightings that are far off in the
+        solution are taken back, and it is solved once more.
         """
         if self.failed:
             return None
-        values = self.isam.calculateEstimate()
+        values = gtsam.Values(self._archive)
+        values.insert(self.isam.calculateEstimate())
         if polish:
             try:
-                for _ in range(POLISH_ROUNDS if self._odometry else 1):
-                    graph = self._at(values)
-                    values = solve(graph, values)
-                isam = _new_isam()
-                isam.update(graph, values)
-                self.isam = isam
+                values = self._polished(values)
             except RuntimeError as error:
                 log.warning("batch: %s; keeping what iSAM2 had", _short(error))
-        poses = [_as_array(values.atPose2(X(k))) for k in range(len(self.stamps_s))]
-        return Trajectory(np.array(self.stamps_s), np.array(poses).reshape(-1, 3))
+        entries = self.journal.entries
+        poses = [pose_array(values.atPose2(X(e.k))) for e in entries]
+        stamps = np.array([e.frame.stamp_s for e in entries])
+        return Trajectory(stamps, np.array(poses).reshape(-1, 3))
 
-    def _at(self, values: gtsam.Values) -> gtsam.NonlinearFactorGraph:
-        """Return the live factors, odometry with a bias linearised at the values.
-
-        Where the tracker was when it made them, these are off by half the square of
-        the turn that closures have given the map since, step after step.
-        """
-        stale = {place for place, _, _, _ in self._odometry}
-        graph = gtsam.NonlinearFactorGraph()
-        for n in range(self._graph.size()):
-            if n not in self._removed and n not in stale:
-                graph.add(self._graph.at(n))
-        for _, k, increment, segment in self._odometry:
-            before = _as_array(values.atPose2(X(k - 1)))
-            bias = float(values.atVector(B(segment))[0])
-            graph.add(odometry_motion(k, increment, before, (segment, bias)))
-        return graph
-
-    def mend(self) -> None:
-        """Replace a solver that turned out to be unusable when it was read."""
-        self._rebuild(self._graph.size())
-
-    def cone_cov_m2(self, cone: int) -> Array:
-        """(2, 2) covariance of a cone in the world."""
-        return np.asarray(self.isam.marginalCovariance(L(cone)))
-
-
-def solve(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> gtsam.Values:
-    """Solve a graph in batch by Levenberg-Marquardt."""
-    params = gtsam.LevenbergMarquardtParams()
-    params.setMaxIterations(30)
-    params.setRelativeErrorTol(1e-6)
-    params.setlambdaInitial(1e-9)
-    return gtsam.LevenbergMarquardtOptimizer(graph, values, params).optimize()
+    def _polished(self, values: gtsam.Values) -> gtsam.Values:
+        base = self._builder.start()
+        values, _ = self._converged(base, self.journal.entries, values)
+        self._base, self._first_exact = base, 0
+        self._start_anew(values)
+        return values
 
 
 def _short(error: Exception) -> str:
     """Return gtsam's complaint without its page of advice."""
     text = " ".join(str(error).split())
     return text.split(" Thrown when")[0]
-
-
-def _as_array(pose: gtsam.Pose2) -> Array:
-    return np.array([pose.x(), pose.y(), pose.theta()])
-
-
-def _new_isam() -> gtsam.ISAM2:
-    """Return a solver with thresholds by kind of variable, in m and rad.
-
-    Velocities enter almost linearly and are never linearised anew; one scalar
-    threshold for all variables makes the median update twelve times slower.
-    """
-    thresholds = gtsam.ISAM2ThresholdMap()
-    thresholds.insert(("x", np.array([0.05, 0.05, 0.005])))
-    thresholds.insert(("l", np.array([0.05, 0.05])))
-    thresholds.insert(("v", np.array([1e3, 1e3, 1e3])))
-    thresholds.insert(("b", np.array([5e-4])))
-    params = gtsam.ISAM2Params()
-    params.setOptimizationParams(gtsam.ISAM2GaussNewtonParams(WILDFIRE))
-    params.setRelinearizeThreshold(thresholds)
-    params.relinearizeSkip = 1
-    params.findUnusedFactorSlots = False
-    return gtsam.ISAM2(params)

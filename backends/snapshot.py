@@ -21,6 +21,7 @@ class Snapshot:
     """Means of everything, and the covariance of what is near the car.
 
     Attributes:
+        k: number of the frame that it speaks of.
         state: (6 + 2 n,) the car and the n cones near it.
         cov: covariance of these *given the pose*, whose own rows are all but zero.
         ids: (n,) the cones near the car.
@@ -29,6 +30,7 @@ class Snapshot:
         all_xy_m: (m, 2) where they are.
     """
 
+    k: int
     state: Array
     cov: Array
     ids: IntArray
@@ -37,9 +39,7 @@ class Snapshot:
     all_xy_m: Array
 
 
-def take_snapshot(
-    mapper: Mapper, vehicle: Array, vehicle_cov: Array, radius_m: float
-) -> Snapshot:
+def take_snapshot(mapper: Mapper, radius_m: float) -> Snapshot:
     """Read the last pose and the cones within a radius from the graph.
 
     Covariances are conditioned on the pose, ``C_LL - C_Lp C_pp^-1 C_pL``: what the
@@ -50,29 +50,27 @@ def take_snapshot(
 
     Args:
         mapper: the graph, solved.
-        vehicle: (6,) the tracker's car at the same frame.
-        vehicle_cov: (6, 6) its covariance.
         radius_m: cones farther from the car are left out.
     """
-    k = len(mapper.stamps_s) - 1
+    newest = mapper.newest
+    frame, k = newest.frame, newest.k
     pose = mapper.pose(k)
     all_ids = np.array(list(mapper.cones), dtype=np.int64)
     all_xy = np.array([mapper.cone_m(c) for c in all_ids.tolist()]).reshape(-1, 2)
     near = np.linalg.norm(all_xy - pose[:2], axis=1) < radius_m
     ids = all_ids[near]
     keys, place = [X(k)], [0, 1, 2]
-    state = np.concatenate([vehicle, all_xy[near].ravel()])
+    state = np.concatenate([frame.state, all_xy[near].ravel()])
     state[:3] = pose
-    moving = k in mapper.velocities
-    if moving:
+    if newest.moving:
         keys.append(V(k))
         place += [3, -1, 4]
         velocity = mapper.isam.calculateEstimateVector(V(k))
         state[3:5] = velocity[0], velocity[2]
     if mapper.has_bias:
-        keys.append(B(mapper.segment))
+        keys.append(B(newest.segment))
         place.append(5)
-        state[5] = mapper.isam.calculateEstimateVector(B(mapper.segment))[0]
+        state[5] = mapper.isam.calculateEstimateVector(B(newest.segment))[0]
     keys += [L(c) for c in ids.tolist()]
     place += list(range(NV, len(state)))
     joint = np.asarray(mapper.isam.jointMarginalCovariance(keys).fullMatrix())
@@ -88,6 +86,6 @@ def take_snapshot(
     cov[np.ix_(target[used], target[used])] = joint[np.ix_(used, used)]
     cov[:3], cov[:, :3] = 0.0, 0.0
     cov[range(3), range(3)] = PINNED
-    if not moving:
-        cov[3:5, 3:5] = vehicle_cov[3:5, 3:5]
-    return Snapshot(state, cov, ids, pose_cov, all_ids, all_xy)
+    if not newest.moving:
+        cov[3:5, 3:5] = frame.speed_cov
+    return Snapshot(k, state, cov, ids, pose_cov, all_ids, all_xy)

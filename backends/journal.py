@@ -1,0 +1,146 @@
+"""What the mapper was told, frame by frame, and what of it was taken back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from conegraph.backends.tracked_frame import TrackedFrame
+from conegraph.types import Array, IntArray, Mask
+
+BIAS_SEGMENT_S = 10.0
+"""Length of a stretch of time with one yaw-rate bias."""
+
+
+@dataclass(slots=True)
+class Entry:
+    """One frame of the journal.
+
+    Attributes:
+        k: its number, that of its pose.
+        frame: what the tracker said.
+        before: the entry before it, None for the first.
+        segment: stretch of time whose bias its odometry has.
+        walk_s: time since the last segment began if this one begins a new one.
+        moving: whether a velocity belongs to its pose.
+        starts_moving: whether the pose before it gets a velocity because of it.
+        kept: (n,) sightings that have not been taken back.
+    """
+
+    k: int
+    frame: TrackedFrame
+    before: Entry | None
+    segment: int
+    walk_s: float
+    moving: bool
+    starts_moving: bool
+    kept: Mask
+
+    @property
+    def cones(self) -> IntArray:
+        """(m,) cones of the sightings kept."""
+        return self.frame.landmark_id[self.kept]
+
+
+@dataclass(frozen=True, slots=True)
+class Retraction:
+    """Sightings that did not stand the test after the fact.
+
+    Attributes:
+        k: number of their entry.
+        index: (n,) their places in its list of sightings.
+        stamp_s: stamp of their frame.
+        row: (n,) their rows in the frame.
+        landmark_id: (n,) the cones that they were taken for.
+        d2: (n,) squared Mahalanobis distances to these.
+        closure: whether they had closed a loop.
+    """
+
+    k: int
+    index: IntArray
+    stamp_s: float
+    row: IntArray
+    landmark_id: IntArray
+    d2: Array
+    closure: bool = False
+
+
+class Journal:
+    """Everything that the graph is made of, to make it again without a mistake."""
+
+    def __init__(self) -> None:
+        """Start empty."""
+        self.entries: list[Entry] = []
+        self.sightings: dict[int, int] = {}
+        self._segment_s = -np.inf
+
+    def __len__(self) -> int:
+        return len(self.entries)
+
+    def append(self, frame: TrackedFrame) -> Entry:
+        """Write down the next frame."""
+        before = self.entries[-1] if self.entries else None
+        segment, walk_s = 0, 0.0
+        if before is None:
+            self._segment_s = frame.stamp_s
+        else:
+            segment = before.segment
+            elapsed_s = frame.stamp_s - self._segment_s
+            if frame.increment is not None and elapsed_s > BIAS_SEGMENT_S:
+                segment, walk_s = segment + 1, elapsed_s
+                self._segment_s = frame.stamp_s
+        joined = before is not None and not frame.jump
+        moving = joined and frame.increment is None
+        entry = Entry(
+            len(self.entries),
+            frame,
+            before,
+            segment,
+            walk_s,
+            moving,
+            moving and before is not None and not before.moving,
+            np.ones(len(frame.landmark_id), dtype=bool),
+        )
+        self.entries.append(entry)
+        for cone in frame.landmark_id.tolist():
+            self.sightings[cone] = self.sightings.get(cone, 0) + 1
+        return entry
+
+    def retract(self, entry: Entry, index: IntArray, d2: Array) -> list[Retraction]:
+        """Take sightings of an entry back, save those that alone hold a cone.
+
+        Args:
+            entry: the frame.
+            index: (n,) places in its list of sightings.
+            d2: (n,) what speaks against them.
+
+        Returns:
+            What was taken back: one retraction, or none if nothing could be.
+        """
+        frame, gone = entry.frame, []
+        for n, i in enumerate(index.tolist()):
+            cone = int(frame.landmark_id[i])
+            if entry.kept[i] and self.sightings[cone] > 1:
+                entry.kept[i] = False
+                self.sightings[cone] -= 1
+                gone.append(n)
+        if not gone:
+            return []
+        at = index[gone]
+        retraction = Retraction(
+            entry.k,
+            at,
+            frame.stamp_s,
+            frame.row[at],
+            frame.landmark_id[at],
+            d2[gone],
+            frame.closure,
+        )
+        return [retraction]
+
+    def drop(self, entry: Entry) -> None:
+        """Take all sightings of an entry back, whatever they hold."""
+        for cone in entry.cones.tolist():
+            self.sightings[cone] -= 1
+        entry.kept[:] = False
