@@ -12,6 +12,7 @@ from conegraph.backends.motion import (
     predict_euler,
     predict_midpoint,
     predict_with_odometry,
+    yaw_rate_bias_sigma,
 )
 from conegraph.backends.odometry_queue import OdometryQueue
 from conegraph.backends.standstill import StandstillWatch, standing
@@ -65,6 +66,9 @@ class CarMotion:
             before_s = self._correct_with_samples(filter_, before_s, stamp_s)
             step = self._step(filter_.vehicle, stamp_s - before_s, None)
         filter_.predict(step)
+        seen = None if self.increment is None else self.increment.bias
+        if seen is not None and yaw_rate_bias_sigma(self._config) > 0.0:
+            filter_.update_bias(*seen)
         self.noise = self.noise + step.Q
         return float(np.hypot(*(step.state[:2] - start[:2])))
 

@@ -239,6 +239,12 @@ class LandmarkFilter:
         PHt = self._P[:, :NV] @ H.T
         self._update(PHt, H @ PHt[:NV] + cov, z)
 
+    def update_bias(self, bias_radps: float, sigma_radps: float) -> None:
+        """Correct with a yaw-rate bias that was measured by itself."""
+        PHt = self._P[:, 5:6]
+        Z = PHt[5:6] + sigma_radps**2
+        self._update(PHt.copy(), Z, np.array([bias_radps]) - self._x[5:6])
+
     def add_cones(self, xy_m: Array, cov_m2: Array) -> IntArray:
         """Append new cones (k, 2) seen from the car; return their slots (k,).
 

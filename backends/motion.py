@@ -61,6 +61,8 @@ class OdometryIncrement:
         bias_jacobian: (3,) derivative of `delta` by the yaw-rate bias.
         velocity: (2,) the last sample, u and r as measured.
         velocity_cov: (2, 2) its covariance.
+        bias: the yaw-rate bias and its sigma, where the car stood and the gyro showed
+            nothing else; independent of the rest. None otherwise.
     """
 
     dt_s: float
@@ -69,6 +71,7 @@ class OdometryIncrement:
     bias_jacobian: Array
     velocity: Array
     velocity_cov: Array
+    bias: tuple[float, float] | None = None
 
 
 def predict_midpoint(state: Array, dt_s: float, config: MotionConfig) -> Prediction:

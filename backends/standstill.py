@@ -68,11 +68,18 @@ class StandstillWatch:
 
 
 def standing(increment: OdometryIncrement) -> OdometryIncrement:
-    """Return the increment of a car that stood, in place of the measured one."""
+    """Return the increment of a car that stood, in place of the measured one.
+
+    The path is none; what the gyro reports is its bias, with the noise of the turn
+    that was measured.
+    """
     walk = np.array([CREEP_M_PER_SQRT_S, CREEP_M_PER_SQRT_S, CREEP_RAD_PER_SQRT_S])
+    dt_s, turn = increment.dt_s, float(increment.delta[2])
+    sigma = float(np.sqrt(increment.cov[2, 2])) / dt_s
     return replace(
         increment,
         delta=np.zeros(3),
-        cov=np.diag(np.array(STEP_FLOOR) + walk**2 * increment.dt_s),
+        cov=np.diag(np.array(STEP_FLOOR) + walk**2 * dt_s),
         bias_jacobian=np.zeros(3),
+        bias=(turn / dt_s, sigma),
     )

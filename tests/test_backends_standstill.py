@@ -17,6 +17,7 @@ from conegraph.backends.standstill import (
     StandstillWatch,
     standing,
 )
+from conegraph.backends.tracker import Tracker
 from conegraph.config import resolve_config
 from conegraph.sim.cone_sensor import CAMERA, LIDAR
 from conegraph.sim.drive import simulate
@@ -82,6 +83,8 @@ def test_a_standing_increment_is_none_and_says_so_sharply() -> None:
     # A millimetre per square root of second, and the floor.
     assert np.sqrt(stood.cov[0, 0]) == pytest.approx(np.hypot(3.2e-4, 3.2e-4), rel=0.02)
     np.testing.assert_array_equal(stood.velocity, measured.velocity)
+    # A turn of 1 ± 1 rad in a tenth of a second was the gyro's bias.
+    assert stood.bias == (pytest.approx(10.0), pytest.approx(10.0))
 
 
 @cache
@@ -122,3 +125,58 @@ def test_a_minute_of_standing_changes_nothing(kind: str, sensor: str) -> None:
     early = max(n for stamp, n in cones.items() if stamp < 5.0)
     assert cones[max(cones)] == early
     assert backend.estimate().status == "OK"
+
+
+def biased(bias_radps: float) -> Recording:
+    """Return a short drive after two seconds of standing, its gyro off by a bias."""
+    recording = simulate(
+        built_in_track("oval", 0),
+        laps=1,
+        seed=4,
+        sensor=replace(CAMERA, rate_hz=10.0),
+        vehicle=VehicleModel(stand_s=2.0),
+        odometry=OdometrySensor(rate_hz=50.0, gyro_bias_sigma_radps=0.0),
+        origin="start",
+    )
+    stream = tuple(
+        replace(e, r_radps=e.r_radps + bias_radps)
+        if isinstance(e, VelocityObservation)
+        else e
+        for e in recording.stream
+        if e.stamp_s < 12.0
+    )
+    return replace(recording, stream=stream)
+
+
+@pytest.mark.parametrize("kind", ["ekf", "isam2"])
+@pytest.mark.parametrize("still", [True, False])
+def test_the_gyro_bias_converges_within_its_own_sigma(kind: str, still: bool) -> None:
+    true = 0.01
+    recording = biased(true)
+    config = resolve_config(
+        {"backend": {"kind": kind}, "motion": {"standstill": still}}
+    )
+    backend = make_backend(config.backend, config, sensor=recording.sensor)
+    assert isinstance(backend, Tracker)
+    found = []
+    for event in recording.events():
+        if isinstance(event, VelocityObservation):
+            backend.observe_velocity(event)
+        elif backend.observe_cones(event) is not None:
+            car = backend.map.filter
+            sigma = float(np.sqrt(car.vehicle_cov[5, 5]))
+            found.append((event.stamp_s, float(car.vehicle[5]), sigma))
+    stamp, bias, sigma = np.array(found).T
+    assert sigma[0] == pytest.approx(0.01, rel=0.01)
+    # The graph's tracker is told how far the bias is known where the car is: once the
+    # car has seen some cones twice, that is how far it is known.
+    known = stamp > (0.0 if kind == "ekf" else 4.0)
+    assert (np.abs(bias - true) < 3.0 * sigma)[known].all()
+    assert abs(bias[-1] - true) < 2.0 * sigma[-1]
+    assert sigma[-1] < 0.2 * sigma[0]
+    if still:
+        # White noise of 0.005 rad/s at 50 Hz over 1.5 s, and the walk of the bias.
+        stood = np.searchsorted(stamp, 2.0) - 1
+        expected = 0.005 / np.sqrt(75.0)
+        assert sigma[stood] < 1.5 * expected
+        assert abs(bias[stood] - true) < 3.0 * expected
