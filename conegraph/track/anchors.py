@@ -27,6 +27,8 @@ _SUPPORT_M = 5.0
 _SUPPORT_NATS = 2.5
 """An anchor's lane goes on for so far, both ways, for so little."""
 _WIDTH_SLACK = 0.25
+_SHORTEST_LAP_M = 15.0
+_LAP_NATS_PER_M = 0.12
 
 
 def choose_anchors(graph: GateGraph, sure: Mask) -> IntArray:
@@ -91,6 +93,8 @@ def tour(graph: GateGraph, anchors: IntArray, *, first: bool) -> GatePath | None
     leg[:m, :m] = away[:, n:]
     if m > 1:
         np.fill_diagonal(leg, SKIP_NATS)
+    else:
+        leg[0, 0] = _lone_loop(graph, anchors[0], away[0], before[0])
     leg[m, m] = 0.0
     leg[~np.isfinite(leg)] = 1e3
     _, successor = linear_sum_assignment(leg)
@@ -114,6 +118,24 @@ def tour(graph: GateGraph, anchors: IntArray, *, first: bool) -> GatePath | None
     step = middle - np.roll(middle, 1, axis=0)
     length = float(np.hypot(*(step if closed else step[1:]).T).sum())
     return GatePath(gates, cost, length, closed)
+
+
+def _lone_loop(graph: GateGraph, anchor: int, away: Array, before: IntArray) -> float:
+    """Return the cost of a loop through the only anchor, infinite if it is no lane.
+
+    Nothing but its length and its ease tells a lap from a turn around some cones.
+    """
+    end = len(graph)
+    if not np.isfinite(away[end]):
+        return np.inf
+    gates = trace(before, anchor, end)[:-1]
+    middle = graph.middle_m[gates]
+    length = float(np.hypot(*(middle - np.roll(middle, 1, axis=0)).T).sum())
+    shared = np.isin(graph.left[gates], graph.right[gates]).any()
+    cost = float(away[end])
+    if shared or length < _SHORTEST_LAP_M or cost > _LAP_NATS_PER_M * length:
+        return np.inf
+    return 0.0
 
 
 def _legs(graph: GateGraph, anchors: IntArray) -> tuple[Array, IntArray]:

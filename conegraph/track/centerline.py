@@ -23,6 +23,8 @@ def center_line(
     right: IntArray,
     triangles: IntArray,
     closed: bool,
+    lane_m: float,
+    start_m: Array | None = None,
 ) -> CenterLine:
     """Return the line as far from the left boundary as from the right one.
 
@@ -37,23 +39,59 @@ def center_line(
         right: (R,) right boundary.
         triangles: (T, 3) the road between them, in driving order.
         closed: whether the boundaries are loops.
+        lane_m: usual width, where one boundary ends before the other.
+        start_m: (2,) where an open line begins, if not between its first cones.
     """
     if len(triangles) == 0:
         return CenterLine.empty()
     sides = [_curve(xy_m[chain], closed) for chain in (left, right)]
     end = 0.5 * (xy_m[left[-1]] + xy_m[right[-1]])
-    line = _evenly(_middles(xy_m, triangles, closed, end), closed)
+    middles = _middles(xy_m, triangles, closed, end)
+    if start_m is not None and not closed:
+        middles = _from(start_m, middles)
+    line = _evenly(middles, closed)
     if len(line) < 3:
         return CenterLine.empty()
     trees = [cKDTree(side) for side in sides]
     for _ in range(2):
-        reach = [np.asarray(tree.query(line)[0]) for tree in trees]
+        left_m, right_m = _reaches(line, trees, closed, lane_m)
         across = _normals(line, closed)
-        line = line + 0.5 * (reach[0] - reach[1])[:, None] * across
+        line = line + 0.5 * (left_m - right_m)[:, None] * across
         line = _evenly(_calmed(line, closed), closed)
-    left_m, right_m = (np.asarray(tree.query(line)[0]) for tree in trees)
+    left_m, right_m = _reaches(line, trees, closed, lane_m)
     s, heading, bend = _shape(line, closed)
     return CenterLine(s, line, heading, bend, left_m, right_m)
+
+
+def _reaches(
+    line: Array, trees: list[cKDTree], closed: bool, lane_m: float
+) -> tuple[Array, Array]:
+    """Return the distances to both curves; beyond a curve's end what the lane leaves.
+
+    Beyond both ends the line runs on as it does.
+    """
+    (left, at_left), (right, at_right) = (tree.query(line) for tree in trees)
+    if closed:
+        return np.asarray(left), np.asarray(right)
+    past_left, past_right = (
+        (at == 0) | (at == tree.n - 1)
+        for at, tree in zip((at_left, at_right), trees, strict=True)
+    )
+    half = 0.5 * lane_m
+    by_right = np.maximum(lane_m - right, 0.0)
+    by_left = np.maximum(lane_m - left, 0.0)
+    new_left = np.where(past_left, np.where(past_right, half, by_right), left)
+    new_right = np.where(past_right, np.where(past_left, half, by_left), right)
+    return np.asarray(new_left), np.asarray(new_right)
+
+
+def _from(start: Array, middles: Array) -> Array:
+    """Return an open line that begins at the start, unless it begins well before."""
+    away = np.hypot(*(middles - start).T)
+    at = int(np.argmin(away))
+    if at > 1:
+        return middles
+    return np.vstack([start, middles[at + (away[at] < 1.0) :]])
 
 
 def offset_line(chain_m: Array, across_m: float) -> CenterLine:

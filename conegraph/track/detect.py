@@ -95,7 +95,15 @@ def detect_track(
     lane = _mended(cones, lane)
     gates = _known_gates(cones, lane, cone_map, previous)
     triangles = tile(cones.xy_m, lane.left, lane.right, lane.closed, gates)
-    line = center_line(cones.xy_m, lane.left, lane.right, triangles, lane.closed)
+    line = center_line(
+        cones.xy_m,
+        lane.left,
+        lane.right,
+        triangles,
+        lane.closed,
+        lane_m,
+        None if pose is None else pose[:2],
+    )
     if len(line) == 0:
         return one_sided(cone_map, cones, pose)
     return finished(
@@ -157,8 +165,10 @@ def _graph(
 
 def _extended(graph: GateGraph, course: GatePath) -> GatePath:
     """Return an open course with what lies before its first and after its last gate."""
-    ahead = find_lane(graph, int(course.gates[-1]), doubt=_DOUBT_M)
-    behind = find_lane(graph, int(course.gates[0]), doubt=_DOUBT_M, backward=True)
+    first, last = int(course.gates[0]), int(course.gates[-1])
+    ahead = find_lane(graph, last, doubt=_DOUBT_M, used=course.gates)
+    used = np.concatenate([course.gates, ahead.gates])
+    behind = find_lane(graph, first, doubt=_DOUBT_M, backward=True, used=used)
     gates = np.concatenate([behind.gates[:-1], course.gates, ahead.gates[1:]])
     return replace(
         course,

@@ -42,7 +42,12 @@ def shortest(
 
 
 def find_lane(
-    graph: GateGraph, start: int, *, doubt: float, backward: bool = False
+    graph: GateGraph,
+    start: int,
+    *,
+    doubt: float,
+    backward: bool = False,
+    used: IntArray | None = None,
 ) -> GatePath:
     """Return the open lane from a gate that goes farthest for its cost.
 
@@ -53,8 +58,11 @@ def find_lane(
         start: the gate to start in.
         doubt: metres of lane that one nat of cost must be worth.
         backward: look for what lies before the start; the path still ends in it.
+        used: gates of the course that is known; their cones are not used again.
     """
     keep = ~crossing(graph, start)
+    if used is not None:
+        keep &= _fresh(graph, start, used)
     keep |= (graph.tail if not backward else graph.head) == start
     matrix = graph.matrix(keep)
     way = csr_array(matrix.T) if backward else matrix
@@ -62,10 +70,35 @@ def find_lane(
     length = _lengths(graph.middle_m, away, before)
     score = np.where(np.isfinite(away), length - doubt * away, -np.inf)
     end = int(np.argmax(score))
-    gates = trace(before, start, end)
+    gates = _without_repeats(graph, trace(before, start, end))
+    end = int(gates[-1])
     return GatePath(
         gates[::-1] if backward else gates, float(away[end]), float(length[end]), False
     )
+
+
+def _fresh(graph: GateGraph, start: int, used: IntArray) -> Mask:
+    """Return which steps use no cone of used gates, but those of the start; (T,)."""
+    spent = np.zeros(len(graph.xy_m), dtype=np.bool_)
+    spent[graph.left[used]] = spent[graph.right[used]] = True
+    spent[[graph.left[start], graph.right[start]]] = False
+    gone = spent[graph.left] | spent[graph.right]
+    return ~(gone[graph.tail] | gone[graph.head])
+
+
+def _without_repeats(graph: GateGraph, gates: IntArray) -> IntArray:
+    """Return the gates up to where a cone comes back, on either side."""
+    sides = (graph.left[gates].tolist(), graph.right[gates].tolist())
+    seen: set[int] = set()
+    last = [-1, -1]
+    for k in range(len(gates)):
+        for side in (0, 1):
+            cone = sides[side][k]
+            if cone != last[side] and cone in seen:
+                return gates[:k]
+            last[side] = cone
+            seen.add(cone)
+    return gates
 
 
 def _lengths(middle: Array, away: Array, before: IntArray) -> Array:

@@ -8,6 +8,7 @@ from conegraph.config import TrackConfig
 from conegraph.geometry import to_child
 from conegraph.track.centerline import center_line
 from conegraph.track.cones import Cones
+from conegraph.track.gates import lane_width
 from conegraph.track.model import Track
 from conegraph.track.report import finished
 from conegraph.types import Array, ConeMap, IntArray
@@ -39,7 +40,8 @@ def thesis_track(
         chains.append(chain)
     left, right = chains
     triangles = zigzag(left, right, near)
-    line = center_line(cones.xy_m, left, right, triangles, near)
+    lane_m = lane_width(cones.xy_m, cones.sure_left, cones.sure_right)
+    line = center_line(cones.xy_m, left, right, triangles, near, lane_m)
     if len(line) == 0:
         return Track.unknown("few cones", cone_map.id, cone_map.xy_m)
     return finished(cone_map, cones, left, right, triangles, line, near, 0.0)
