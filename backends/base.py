@@ -14,6 +14,7 @@ from conegraph.types import (
     Estimate,
     Lap,
     LoopClosure,
+    Retraction,
     Trajectory,
     VelocityObservation,
 )
@@ -29,6 +30,8 @@ class FrameEvents:
         reason: why the status is what it is.
         stage_ms: time spent by stage.
         consistency: what the innovations of the last seconds say.
+        retractions: matches of earlier frames that were taken back; after `finish`,
+            by the final solution.
     """
 
     closures: tuple[LoopClosure, ...] = ()
@@ -36,6 +39,7 @@ class FrameEvents:
     reason: str = ""
     stage_ms: Mapping[str, float] | None = None
     consistency: Consistency = field(default_factory=Consistency)
+    retractions: tuple[Retraction, ...] = ()
 
 
 class Backend(Protocol):

@@ -75,6 +75,12 @@ class CarMotion:
     def _stands(self, stamp_s: float) -> bool:
         return self._config.standstill and self._standstill.stands(stamp_s)
 
+    def repeat(
+        self, filter_: LandmarkFilter, dt_s: float, increment: OdometryIncrement | None
+    ) -> None:
+        """Predict a filter once more over a step that was taken before."""
+        filter_.predict(self._step(filter_.vehicle, dt_s, increment))
+
     def look_ahead(self, state: Array, stamp_s: float) -> Prediction:
         """Predict a state beyond the last frame and change nothing."""
         last_s = stamp_s if self.stamp_s is None else self.stamp_s

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from conegraph.backends.base import FrameEvents
 from conegraph.backends.tracker import Tracker
 from conegraph.types import Trajectory
 
@@ -17,4 +18,5 @@ class EkfBackend(Tracker):
 
     def finish(self) -> Trajectory | None:
         """Nothing is left to settle: a filter has no smoothed path."""
+        self.last_events = FrameEvents()
         return None

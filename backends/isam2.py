@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from conegraph.backends.base import FrameEvents
 from conegraph.backends.mapper import Mapper
-from conegraph.backends.snapshot import take_snapshot
+from conegraph.backends.mapping import InlineMapping, Mapped, Mapping, Settled
+from conegraph.backends.mapping_process import ProcessMapping
+from conegraph.backends.snapshot import Snapshot
 from conegraph.backends.tracked_frame import TrackedFrame
 from conegraph.backends.tracker import Tracker
 from conegraph.config import Config, Isam2Config
@@ -18,6 +22,7 @@ from conegraph.types import (
     ConeObservations,
     Estimate,
     LoopClosure,
+    Retraction,
     SensorModel,
     Trajectory,
 )
@@ -28,6 +33,12 @@ FEW_SIGHTINGS = 10
 MANY_FRAMES = 60
 """Frames after which the graph is updated even so."""
 
+EDGE_M = 4.0
+"""Cones this far beyond the sensor's range must be at hand."""
+
+OLDEST_SNAPSHOT = 45
+"""Frames since a snapshot after which it is not worth going back to."""
+
 
 class Isam2Backend(Tracker):
     """A tracker in the frame path and a factor graph behind it.
@@ -35,8 +46,9 @@ class Isam2Backend(Tracker):
     Every frame is tracked at once by the filter that the EKF uses too, restricted
     to the cones near the car. Frames with all their measurements are queued; every
     `update_period_s` the graph takes them in, and its solution replaces what the
-    tracker holds. Associations are made with the joint covariance of the car and
-    the visible cones that the graph gave.
+    tracker holds: where the graph works in its own process, the frames that came
+    meanwhile are gone through again. Associations are made with the joint
+    covariance of the car and the visible cones that the graph gave.
     """
 
     def __init__(
@@ -51,25 +63,48 @@ class Isam2Backend(Tracker):
         super().__init__(config, sensor, known_map, add_cones=add_cones)
         if not isinstance(config.backend, Isam2Config):
             raise TypeError("Isam2Backend needs a configuration of kind isam2")
-        self._graph_config = config.backend
-        self.mapper = Mapper(config.backend, config.motion, known_map)
+        self._graph_config = graph = config.backend
+        radius_m = self.sensor.max_range_m + graph.snapshot_margin_m
+        self.mapping: Mapping
+        if graph.mapping == "process":
+            self.mapping = ProcessMapping(graph, config.motion, known_map, radius_m)
+        else:
+            mapper = Mapper(graph, config.motion, known_map)
+            self.mapping = InlineMapping(mapper, radius_m)
+        self._frames = 0
         self._waiting: list[TrackedFrame] = []
+        self._since: list[TrackedFrame] = []
         self._updated_s = -np.inf
         self._pose_cov = np.zeros((3, 3))
         self._anchor_m = np.zeros(2)
 
     def observe_cones(self, frame: ConeObservations) -> Associations | None:
         """Track a frame; now and then let the graph take in what is waiting."""
+        began = time.perf_counter()
+        undone = self._take(self.mapping.poll())
+        self.map.fetch(self.sensor.max_range_m + EDGE_M)
+        spent_s = time.perf_counter() - began
         result = super().observe_cones(frame)
         if result is None or self.tracked is None:
             return None
+        self._frames += 1
         self._waiting.append(self.tracked)
+        self._since.append(self.tracked)
         began = time.perf_counter()
-        if self._is_due(self.tracked):
-            self._update_graph()
-        spent_ms = 1e3 * (time.perf_counter() - began)
-        stages = {**(self.last_events.stage_ms or {}), "graph": spent_ms}
-        self.last_events = replace(self.last_events, stage_ms=stages)
+        if self._is_due(self.tracked) and not self.mapping.busy:
+            undone += self._take(self.mapping.poll())
+            frames, self._waiting = self._waiting, []
+            self._updated_s = self.tracked.stamp_s
+            self.mapping.submit(frames)
+            undone += self._take(self.mapping.poll())
+        spent_s += time.perf_counter() - began
+        stages = {**(self.last_events.stage_ms or {}), "graph": 1e3 * spent_s}
+        self.last_events = replace(
+            self.last_events,
+            closures=self.last_events.closures + _undone_closures(undone),
+            retractions=undone,
+            stage_ms=stages,
+        )
         return result
 
     def estimate(self) -> Estimate:
@@ -88,28 +123,22 @@ class Isam2Backend(Tracker):
     def finish(self) -> Trajectory | None:
         """Solve the whole graph to convergence and take its map over."""
         if self._waiting:
-            self._update_graph()
-        if len(self.mapper.journal) == 0:
+            self.mapping.submit(self._waiting)
+            self._waiting = []
+        self.last_events = FrameEvents()
+        settled = self.mapping.finish(polish=self._graph_config.polish)
+        if settled is None:
             return None
-        try:
-            path = self.mapper.settle(polish=self._graph_config.polish)
-            if path is not None:
-                self._take_map()
-        except (RuntimeError, np.linalg.LinAlgError):
-            return None
-        return path
+        self.last_events = FrameEvents(retractions=settled.retractions)
+        self._take_map(settled)
+        return settled.path
 
-    def _take_map(self) -> None:
+    def _take_map(self, settled: Settled) -> None:
         """Take places and covariances of all cones from the settled graph."""
-        book, mapper = self.map.book, self.mapper
-        found = {
-            row: (mapper.cone_m(cone), mapper.cone_cov_m2(cone))
-            for row, cone in enumerate(book.id.tolist())
-            if cone in mapper.cones
-        }
         self.map.release()
-        for row, (xy, cov) in found.items():
-            book.xy_m[row], book.cov_m2[row] = xy, cov
+        book = self.map.book
+        _, row, found = np.intersect1d(book.id, settled.ids, return_indices=True)
+        book.xy_m[row], book.cov_m2[row] = settled.xy_m[found], settled.cov_m2[found]
 
     def _is_due(self, newest: TrackedFrame) -> bool:
         if newest.closure or len(self._waiting) >= MANY_FRAMES:
@@ -117,39 +146,24 @@ class Isam2Backend(Tracker):
         late = newest.stamp_s - self._updated_s >= self._graph_config.update_period_s
         return late and sum(len(f.landmark_id) for f in self._waiting) >= FEW_SIGHTINGS
 
-    def _update_graph(self) -> None:
-        """Let the graph take in the waiting frames and load what it then believes.
+    def _take(self, mapped: Mapped | None) -> tuple[Retraction, ...]:
+        """Go on from what the graph believes; return what it took back."""
+        if mapped is None:
+            return ()
+        if mapped.snapshot is not None:
+            self._resume(mapped.snapshot)
+        return mapped.retractions
 
-        gtsam's errors end here: a solver that cannot be read is rebuilt, and once
-        the graph has no solution at all the tracker goes on alone.
+    def _resume(self, snapshot: Snapshot) -> None:
+        """Load a snapshot and go through the frames again that it has not seen.
+
+        One older than `OLDEST_SNAPSHOT`, or than a jump of the car, is left alone.
         """
-        frames, self._waiting = self._waiting, []
-        self._updated_s = frames[-1].stamp_s
-        if self.mapper.failed:
+        behind = self._frames - 1 - snapshot.k
+        again = self._since[len(self._since) - behind :] if behind else []
+        self._since = again
+        if behind > OLDEST_SNAPSHOT or any(frame.jump for frame in again):
             return
-        try:
-            retractions = self.mapper.update(frames)
-            if not self.mapper.failed:
-                self._load_snapshot()
-        except (RuntimeError, np.linalg.LinAlgError):
-            self.mapper.mend()
-            return
-        if retractions:
-            undone = tuple(
-                LoopClosure(
-                    r.stamp_s, 0.0, False, f"undone: residual d2 {np.median(r.d2):.0f}"
-                )
-                for r in retractions
-                if r.closure
-            )
-            events = self.last_events
-            self.last_events = replace(events, closures=events.closures + undone)
-
-    def _load_snapshot(self) -> None:
-        snapshot = take_snapshot(
-            self.mapper,
-            self.sensor.max_range_m + self._graph_config.snapshot_margin_m,
-        )
         self._pose_cov = snapshot.pose_cov
         self._anchor_m = snapshot.state[:2]
         self.map.load(
@@ -159,3 +173,33 @@ class Isam2Backend(Tracker):
             snapshot.all_ids,
             snapshot.all_xy_m,
         )
+        elsewhere = set(snapshot.all_ids.tolist())
+        before_s = snapshot.stamp_s
+        for frame in again:
+            self._go_through(frame, frame.stamp_s - before_s, elsewhere)
+            before_s = frame.stamp_s
+
+    def _go_through(
+        self, frame: TrackedFrame, dt_s: float, elsewhere: Sequence[int] | set[int]
+    ) -> None:
+        """Track a frame again whose pairs are settled."""
+        self.motion.repeat(self.map.filter, dt_s, frame.increment)
+        slot = self.map.slots_of(frame.landmark_id)
+        here = slot >= 0
+        if here.any():
+            xy, cov = frame.xy_m[here], frame.cov_m2[here]
+            self.map.filter.update_cones(slot[here], xy, cov, None)
+        born = ~here & ~np.isin(frame.landmark_id, list(elsewhere))
+        born &= np.isin(frame.landmark_id, self.map.book.id)
+        cones = frame.landmark_id[born]
+        self.map.add_again(cones, frame.xy_m[born], frame.cov_m2[born])
+
+
+def _undone_closures(
+    retractions: Sequence[Retraction],
+) -> tuple[LoopClosure, ...]:
+    return tuple(
+        LoopClosure(r.stamp_s, 0.0, False, f"undone: residual d2 {np.median(r.d2):.0f}")
+        for r in retractions
+        if r.closure
+    )

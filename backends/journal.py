@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from conegraph.backends.tracked_frame import TrackedFrame
-from conegraph.types import Array, IntArray, Mask
+from conegraph.types import Array, IntArray, Mask, Retraction
 
 BIAS_SEGMENT_S = 10.0
 """Length of a stretch of time with one yaw-rate bias."""
@@ -41,29 +41,6 @@ class Entry:
     def cones(self) -> IntArray:
         """(m,) cones of the sightings kept."""
         return self.frame.landmark_id[self.kept]
-
-
-@dataclass(frozen=True, slots=True)
-class Retraction:
-    """Sightings that did not stand the test after the fact.
-
-    Attributes:
-        k: number of their entry.
-        index: (n,) their places in its list of sightings.
-        stamp_s: stamp of their frame.
-        row: (n,) their rows in the frame.
-        landmark_id: (n,) the cones that they were taken for.
-        d2: (n,) squared Mahalanobis distances to these.
-        closure: whether they had closed a loop.
-    """
-
-    k: int
-    index: IntArray
-    stamp_s: float
-    row: IntArray
-    landmark_id: IntArray
-    d2: Array
-    closure: bool = False
 
 
 class Journal:
@@ -128,16 +105,15 @@ class Journal:
         if not gone:
             return []
         at = index[gone]
-        retraction = Retraction(
-            entry.k,
-            at,
-            frame.stamp_s,
-            frame.row[at],
-            frame.landmark_id[at],
-            d2[gone],
-            frame.closure,
-        )
-        return [retraction]
+        return [
+            Retraction(
+                frame.stamp_s,
+                frame.row[at],
+                frame.landmark_id[at],
+                d2[gone],
+                frame.closure,
+            )
+        ]
 
     def drop(self, entry: Entry) -> None:
         """Take all sightings of an entry back, whatever they hold."""

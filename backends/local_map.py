@@ -22,6 +22,9 @@ TOGETHER_M = 2.5
 TWIN_M = 2.0
 """Cones farther apart than this are never taken for one."""
 
+FETCHED_M = 0.3
+"""Doubt about a cone that comes back into the filter without the graph's word."""
+
 TWIN_SIGMA_M = 0.003
 """How exactly two rows that are one cone must coincide."""
 
@@ -107,6 +110,39 @@ class LocalMap:
         self.row = np.array(rows, dtype=np.int64)
         self.filter.load(state, cov)
         self.filter.keep(kept)
+
+    def slots_of(self, ids: IntArray) -> IntArray:
+        """(k,) slots of the cones with the given ids, -1 where the filter has none."""
+        held = self.book.id[self.row]
+        order = np.argsort(held)
+        place = np.searchsorted(held, ids, sorter=order)
+        slot = np.append(order, -1)[place]
+        found = slot >= 0
+        found[found] = held[slot[found]] == ids[found]
+        return np.where(found, slot, -1).astype(np.int64)
+
+    def add_again(self, ids: IntArray, xy_m: Array, cov_m2: Array) -> None:
+        """Let the filter hold cones of the book as just seen, (k, 2) car frame."""
+        if len(ids):
+            order = np.argsort(self.book.id)
+            rows = order[np.searchsorted(self.book.id, ids, sorter=order)]
+            self.row = np.concatenate([self.row, rows]).astype(np.int64)
+            self.filter.add_cones(xy_m, cov_m2)
+
+    def fetch(self, radius_m: float) -> None:
+        """Let the filter hold all cones of the book around the car.
+
+        Those that it lacks come with what was last known of them and `FETCHED_M`:
+        what ties them to the cones here is known to the graph alone.
+        """
+        gap = np.linalg.norm(self.book.xy_m - self.filter.vehicle[:2], axis=1)
+        lacking = gap < radius_m
+        lacking[self.row] = False
+        rows = np.flatnonzero(lacking)
+        if len(rows):
+            cov = self.book.cov_m2[rows] + np.eye(2) * FETCHED_M**2
+            self.filter.place_cones(self.book.xy_m[rows], cov)
+            self.row = np.concatenate([self.row, rows]).astype(np.int64)
 
     def release(self) -> None:
         """Let the filter hold no cone any more; the book keeps them all."""

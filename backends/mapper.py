@@ -20,7 +20,7 @@ from conegraph.backends.graph_builder import (
     first_values,
     pose_array,
 )
-from conegraph.backends.journal import Entry, Journal, Retraction
+from conegraph.backends.journal import Entry, Journal
 from conegraph.backends.reviewer import (
     LOOP_CONES,
     LOOP_D2,
@@ -41,7 +41,7 @@ from conegraph.backends.solver import (
 from conegraph.backends.tracked_frame import TrackedFrame
 from conegraph.config import Isam2Config, MotionConfig
 from conegraph.geometry import to_parent
-from conegraph.types import Array, ConeMap, IntArray, Trajectory
+from conegraph.types import Array, ConeMap, IntArray, Retraction, Trajectory
 
 log = logging.getLogger(__name__)
 
@@ -282,7 +282,7 @@ class Mapper:
             taken = [r for loop in loops for r in self._doubt_loop(loop)]
             for entry in doubted:
                 taken += self._doubt(entry, self._residual_d2(entry))
-            self._remove(taken)
+            self._remove(self.window)
         self._reviewed = end
         if ripe is not None:
             enough = ripe.by_start_line or len(ripe.returned) >= LOOP_CONES
@@ -327,9 +327,14 @@ class Mapper:
         cones = np.array([self.cone_m(c) for c in entry.cones.tolist()])
         return residual_d2(entry, self.pose(entry.k), cones)
 
-    def _remove(self, retractions: Sequence[Retraction]) -> None:
-        """Take retracted sightings out of the solver."""
-        gone = [self._slot.pop((r.k, i)) for r in retractions for i in r.index.tolist()]
+    def _remove(self, entries: Sequence[Entry]) -> None:
+        """Take the sightings of entries that are not kept out of the solver."""
+        gone = [
+            self._slot.pop((entry.k, i))
+            for entry in entries
+            for i in np.flatnonzero(~entry.kept).tolist()
+            if (entry.k, i) in self._slot
+        ]
         if gone:
             self.isam.update(gtsam.NonlinearFactorGraph(), gtsam.Values(), gone)
 
@@ -376,33 +381,34 @@ class Mapper:
             )
         ]
 
-    def settle(self, *, polish: bool) -> Trajectory | None:
+    def settle(self, *, polish: bool) -> tuple[Trajectory | None, list[Retraction]]:
         """Solve to convergence if asked; return the whole path, None if failed.
 
         iSAM2 ends where its thresholds let it, and what was summed up is linear;
         the journal has everything as it was said. Sightings that are far off in the
         solution are taken back, and it is solved once more.
         """
+        taken: list[Retraction] = []
         if self.failed:
-            return None
+            return None, taken
         values = gtsam.Values(self._archive)
         values.insert(self.isam.calculateEstimate())
         if polish:
             try:
-                values = self._polished(values)
+                values, taken = self._polished(values)
             except RuntimeError as error:
                 log.warning("batch: %s; keeping what iSAM2 had", _short(error))
         entries = self.journal.entries
         poses = [pose_array(values.atPose2(X(e.k))) for e in entries]
         stamps = np.array([e.frame.stamp_s for e in entries])
-        return Trajectory(stamps, np.array(poses).reshape(-1, 3))
+        return Trajectory(stamps, np.array(poses).reshape(-1, 3)), taken
 
-    def _polished(self, values: gtsam.Values) -> gtsam.Values:
+    def _polished(self, values: gtsam.Values) -> tuple[gtsam.Values, list[Retraction]]:
         base = self._builder.start()
-        values, _ = self._converged(base, self.journal.entries, values)
+        values, taken = self._converged(base, self.journal.entries, values)
         self._base, self._first_exact = base, 0
         self._start_anew(values)
-        return values
+        return values, taken
 
 
 def _short(error: Exception) -> str:

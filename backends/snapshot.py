@@ -22,6 +22,7 @@ class Snapshot:
 
     Attributes:
         k: number of the frame that it speaks of.
+        stamp_s: that frame's stamp.
         state: (6 + 2 n,) the car and the n cones near it.
         cov: covariance of these *given the pose*, whose own rows are all but zero.
         ids: (n,) the cones near the car.
@@ -31,6 +32,7 @@ class Snapshot:
     """
 
     k: int
+    stamp_s: float
     state: Array
     cov: Array
     ids: IntArray
@@ -88,4 +90,4 @@ def take_snapshot(mapper: Mapper, radius_m: float) -> Snapshot:
     cov[range(3), range(3)] = PINNED
     if not newest.moving:
         cov[3:5, 3:5] = frame.speed_cov
-    return Snapshot(k, state, cov, ids, pose_cov, all_ids, all_xy)
+    return Snapshot(k, frame.stamp_s, state, cov, ids, pose_cov, all_ids, all_xy)

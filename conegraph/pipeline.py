@@ -197,6 +197,7 @@ class Pipeline:
             self._viewer.finish(cone_map, smoothed)
             summary = self._summary(log, time.perf_counter() - began)
             if files is not None:
+                files.retract(self.backend.last_events.retractions)
                 files.finish(cone_map, smoothed, summary)
             return self._judged(files, out, log, cone_map, smoothed, summary)
 
@@ -230,6 +231,7 @@ class Pipeline:
             events.laps,
             stages,
             events.consistency,
+            events.retractions,
         )
 
     def _summary(self, log: RunLog, wall_s: float) -> dict[str, Any]:

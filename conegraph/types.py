@@ -490,6 +490,31 @@ class Consistency:
 
 
 @dataclass(frozen=True, slots=True)
+class Retraction:
+    """Sightings of an earlier frame that did not stand the test after the fact.
+
+    Attributes:
+        stamp_s: that frame's stamp.
+        observation: (N,) their rows in it, as it passed the gate.
+        landmark_id: (N,) the cones that they were taken for.
+        d2: (N,) squared Mahalanobis distances to these in the solution.
+        closure: whether they had closed a loop at the start line.
+    """
+
+    stamp_s: float
+    observation: IntArray
+    landmark_id: IntArray
+    d2: Array
+    closure: bool = False
+
+    def __post_init__(self) -> None:
+        _shaped(self, "observation", self.observation, (-1,), np.int64)
+        n = len(self.observation)
+        _shaped(self, "landmark_id", self.landmark_id, (n,), np.int64)
+        _shaped(self, "d2", self.d2, (n,))
+
+
+@dataclass(frozen=True, slots=True)
 class FrameRecord:
     """Everything that is written down about one cone frame.
 
@@ -502,6 +527,7 @@ class FrameRecord:
         laps: laps completed in this frame.
         stage_ms: time spent by stage, in ms; the key ``frame`` is the whole.
         consistency: what the innovations of the last seconds say.
+        retractions: matches of earlier frames that were taken back in this one.
     """
 
     observations: ConeObservations
@@ -512,3 +538,4 @@ class FrameRecord:
     laps: tuple[Lap, ...] = ()
     stage_ms: Mapping[str, float] = field(default_factory=dict)
     consistency: Consistency = field(default_factory=Consistency)
+    retractions: tuple[Retraction, ...] = ()

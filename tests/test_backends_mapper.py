@@ -25,7 +25,7 @@ CONES = np.array([[3.0 * (i // 2), 1.8 * (-1) ** i] for i in range(2, 16)])
 
 
 def settled(mapper: Mapper) -> Trajectory:
-    path = mapper.settle(polish=True)
+    path, _ = mapper.settle(polish=True)
     assert path is not None
     return path
 

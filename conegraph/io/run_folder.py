@@ -213,13 +213,20 @@ def _read_map(path: Path) -> ConeMap:
 
 
 def _read_associations(path: Path, finished: bool) -> AssociationRows:
+    """Read what became of every observation: where rows speak of one, the last holds.
+
+    Frames are written in the order of their stamps, so what is left is in the order
+    in which it was first written.
+    """
     table = _read_columns(path, 5, finished)
+    key = np.stack([table.floats(0), table.ints(1)], axis=1)[::-1]
+    last = len(key) - 1 - np.unique(key, axis=0, return_index=True)[1]
     return AssociationRows(
-        stamp_s=table.floats(0),
-        observation=table.ints(1),
-        status=table.names(2, MatchStatus),
-        landmark_id=table.ints(3),
-        d2=table.optional_floats(4),
+        stamp_s=table.floats(0)[last],
+        observation=table.ints(1)[last],
+        status=table.names(2, MatchStatus)[last],
+        landmark_id=table.ints(3)[last],
+        d2=table.optional_floats(4)[last],
     )
 
 

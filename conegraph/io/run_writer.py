@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, suppress
 from io import FileIO
 from pathlib import Path
@@ -22,7 +22,14 @@ import numpy as np
 from conegraph.errors import ConegraphError
 from conegraph.io.csv_table import exact, format_rows
 from conegraph.io.plain import to_plain
-from conegraph.types import CLASS_LABELS, ConeMap, FrameRecord, Trajectory
+from conegraph.types import (
+    CLASS_LABELS,
+    ConeMap,
+    FrameRecord,
+    MatchStatus,
+    Retraction,
+    Trajectory,
+)
 
 SCHEMA_VERSION = 1
 
@@ -118,6 +125,22 @@ class RunWriter:
         if made.nis_dof > 0:
             row = f"{made.stamp_s:.9f},{made.nis:.6g},{made.nis_dof}\n"
             self._append(CONSISTENCY, row)
+
+        self.retract(record.retractions)
+
+    def retract(self, retractions: Sequence[Retraction]) -> None:
+        """Append what became of matches that were taken back: the last row holds."""
+        for made in retractions:
+            rows = zip(
+                made.observation.tolist(),
+                made.landmark_id.tolist(),
+                made.d2.tolist(),
+                strict=True,
+            )
+            t = f"{made.stamp_s:.9f}"
+            status = MatchStatus.REJECTED
+            lines = [f"{t},{i},{status},{cone},{d2:.6g}\n" for i, cone, d2 in rows]
+            self._append(ASSOCIATIONS, "".join(lines))
 
     def checkpoint(self, cone_map: ConeMap) -> None:
         """Replace the map file as a whole."""
