@@ -51,7 +51,8 @@ _LEGEND = """\
   for: green matched, cyan new, grey tentative, pink ambiguous, red rejected.
 - **Green and red dots** are loop closures accepted and refused.
 - **NIS / dof** is the squared innovation over its degrees of freedom: 95 % of it
-  lies between the grey lines where the filter is consistent.
+  lies between the grey lines where the filter is consistent. **White** is the same
+  over the last 5 s: above the **red** line the noise is assumed too small.
 """
 
 
@@ -173,8 +174,8 @@ def static_parts(name: str, index: int) -> Iterator[tuple[str, rr.AsComponents]]
     yield f"{name}/lap", _points(4.0, 31, WHITE, labelled=True)
     yield f"{name}/car/body", _car()
     yield f"{name}/status", _status_classes()
-    nis = ["NIS / dof", "95 % from", "95 % to"]
-    yield f"{name}/nis", _series(nis, [color, GREY, GREY])
+    nis = ["NIS / dof", "95 % from", "95 % to", "over 5 s", "overconfident above"]
+    yield f"{name}/nis", _series(nis, [color, GREY, GREY, WHITE, RED])
 
 
 def latency_lines(stages: Sequence[str]) -> rr.SeriesLines:

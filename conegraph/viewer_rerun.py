@@ -86,6 +86,7 @@ class RerunViewer:
         self._landmark_xy_m: dict[int, Array] = {}
         self._path_end_m: Array | None = None
         self._status: Status | None = None
+        self._overconfident = False
         self._stages: list[str] = []
 
     def start(self, source: StreamInfo) -> None:
@@ -191,6 +192,10 @@ class RerunViewer:
             because = f": {record.reason}" if record.reason else ""
             self._log("status", rr.StateChange(state=estimate.status.value))
             self._say(f"{estimate.status}{because}", _STATUS_LEVEL[estimate.status])
+        if self._overconfident != record.consistency.overconfident:
+            self._overconfident = record.consistency.overconfident
+            text = record.reason if self._overconfident else "no longer overconfident"
+            self._say(text, TextLogLevel.WARN)
         for closure in record.closures:
             verdict = "accepted" if closure.accepted else "refused"
             text = (
@@ -216,7 +221,9 @@ class RerunViewer:
         if made.nis_dof > 0 and np.isfinite(made.nis):
             low, high = chdtri(made.nis_dof, [0.975, 0.025])
             values = np.array([made.nis, low, high]) / made.nis_dof
-            self._log("nis", rr.Scalars(values))
+            lately = record.consistency
+            mean = [lately.nis_per_dof, lately.limit]
+            self._log("nis", rr.Scalars(np.concatenate([values, mean])))
         new = [stage for stage in record.stage_ms if stage not in self._stages]
         if new:
             self._stages += new

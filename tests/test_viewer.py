@@ -17,6 +17,7 @@ from conegraph.types import (
     Associations,
     ConeMap,
     ConeObservations,
+    Consistency,
     Estimate,
     FrameRecord,
     Lap,
@@ -75,7 +76,14 @@ def record_at(frame: int) -> FrameRecord:
         laps = (Lap(1, START_S, stamp_s),)
     stages = {"update": 0.5 + frame, "frame": 1.0 + frame}
     return FrameRecord(
-        observations, made, estimate, "warming up", closures, laps, stages
+        observations,
+        made,
+        estimate,
+        "warming up",
+        closures,
+        laps,
+        stages,
+        Consistency(1.5, 1.25, overconfident=frame > 0),
     )
 
 
@@ -164,7 +172,7 @@ def test_every_entity_has_the_rows_that_were_sent(recorded: Rows, name: str) -> 
         "closures/refused": 1,
         "lap": 1,
         "status": 2,
-        "events": 5,
+        "events": 6,
         "nis": N_FRAMES - 1,
         "latency": N_FRAMES,
         "smoothed": 1,
@@ -228,7 +236,7 @@ def test_truth_is_laid_on_the_first_estimate(recorded: Rows) -> None:
 
 def test_plots_show_nis_over_dof_in_its_band_and_every_stage(recorded: Rows) -> None:
     # The 2.5 % and 97.5 % quantiles of chi-square with 4 degrees of freedom.
-    band = np.array([6.0, 0.484419, 11.143287]) / 4
+    band = [*np.array([6.0, 0.484419, 11.143287]) / 4, 1.5, 1.25]
     for values in recorded.column("/ekf/nis", "Scalars:scalars"):
         assert values == pytest.approx(band, abs=1e-6)
     assert recorded.lasting("/ekf/latency", "SeriesLines:names") == ["update", "frame"]
@@ -241,6 +249,7 @@ def test_events_say_what_happened_and_to_whom(recorded: Rows) -> None:
     assert [text[0] for text in said] == [
         "isam2: INIT: warming up",
         "isam2: OK: warming up",
+        "isam2: warming up",
         "isam2: loop closure accepted after 80.0 m: four cones",
         "isam2: loop closure refused after 80.0 m: too far",
         "isam2: lap 1: 1.00 s",
