@@ -71,7 +71,19 @@ def test_only_what_works_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert run("--help") == 0
     text = capsys.readouterr().out
     commands = [line.split()[0] for line in text.split("Commands:\n")[1].splitlines()]
-    assert commands == ["demo", "run", "compare", "simulate", "view", "config"]
+    assert commands == [
+        "demo",
+        "run",
+        "compare",
+        "detect",
+        "calibrate",
+        "record",
+        "simulate",
+        "tune",
+        "view",
+        "bench",
+        "config",
+    ]
     assert "..." not in text.split("Commands:\n")[1]
 
 

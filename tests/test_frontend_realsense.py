@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from conegraph.camera import Camera, CameraMount, RgbdFrame
+from conegraph.cli import main
 from conegraph.errors import ConegraphError, FileFormatError, SourceError
 from conegraph.frontend.realsense import (
     MISSING,
@@ -190,6 +191,42 @@ def test_the_mount_is_read_from_beside(recorded: Recorder, tmp_path: Path) -> No
     about = format_camera_toml(CameraFile(lens, mount))
     (tmp_path / "camera.toml").write_text(about, encoding="utf-8")
     assert frames_of(read_realsense(path))[0].mount == mount
+
+
+def command(*arguments: object) -> object:
+    with pytest.raises(SystemExit) as ended:
+        main([str(a) for a in arguments])
+    return ended.value.code
+
+
+def test_a_recording_becomes_a_folder_of_pictures(
+    recorded: Recorder, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = recorded("gaps", [k for k in range(COUNT) if k not in (4, 5, 9)])
+    out = tmp_path / "folder"
+    took = ("--seconds", 0.25, "--lossless")
+    assert command("record", source, "--out", out, *took) == 0
+    said = capsys.readouterr()
+    assert "6 frames of gaps" in said.out
+    assert f"2 x {MISSING}" in said.err
+    frames = [e for e in open_stream(str(out)).events() if isinstance(e, RgbdFrame)]
+    for frame, index in zip(frames, (0, 1, 2, 3, 6, 7), strict=True):
+        depth, color = pictures(index)
+        assert np.array_equal(frame.color, color)
+        assert np.array_equal(np.round(frame.depth_m * 1000), depth)
+
+
+def test_recording_without_a_camera_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for out in (tmp_path / "a.db3", tmp_path / "folder"):
+        assert command("record", "--out", out) == 1
+        said = capsys.readouterr().err
+        assert said.startswith("conegraph: realsense: no such RealSense camera")
+        assert said.count("\n") == 1
+        assert not out.exists()
+    assert command("record", "sim:oval?sensor=rgbd", "--out", tmp_path / "b.db3") == 1
+    assert "only a RealSense camera records into .db3" in capsys.readouterr().err
 
 
 def test_no_camera_is_one_clear_sentence() -> None:

@@ -14,9 +14,11 @@ from typing import Annotated
 import typer
 
 from conegraph.cli import bench, config
+from conegraph.cli.calibrate import calibrate
 from conegraph.cli.compare import compare
 from conegraph.cli.demo import demo
 from conegraph.cli.detect import detect
+from conegraph.cli.record import record
 from conegraph.cli.run import run
 from conegraph.cli.simulate import simulate
 from conegraph.cli.tune import tune
@@ -35,6 +37,8 @@ app.command("demo")(demo)
 app.command("run")(run)
 app.command("compare")(compare)
 app.command("detect")(detect)
+app.command("calibrate")(calibrate)
+app.command("record")(record)
 app.command("simulate")(simulate)
 app.command("tune")(tune)
 app.command("view")(view)

@@ -62,7 +62,7 @@ def simulate(
         typer.Option(help="Light of the pictures; by chance if not given."),
     ] = None,
 ) -> None:
-    """Drive a track in the simulator; write a cone log, or RGB-D pictures."""
+    """Drive a track; write a cone log, or RGB-D pictures."""
     options = SimOptions(
         laps,
         seed,
