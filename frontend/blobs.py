@@ -56,7 +56,8 @@ def find_pieces(colours: NDArray[np.uint8]) -> Pieces:
     area = np.diff(start, append=len(key))
     enough = area >= MIN_PIECE_PX
     if enough.sum() > MAX_PIECES:
-        enough = area >= max(np.partition(area, -MAX_PIECES)[-MAX_PIECES], MIN_PIECE_PX)
+        enough = np.zeros(len(area), dtype=bool)
+        enough[np.argsort(-area, kind="stable")[:MAX_PIECES]] = True
     held = np.repeat(enough, area)
     v, u = np.divmod(at[held], colours.shape[1])
     owner = np.repeat(np.arange(int(enough.sum())), area[enough])
@@ -94,6 +95,8 @@ def split_ledges(pieces: Pieces, px_per_m: Array) -> tuple[Pieces, IntArray]:
     left = first[piece_of[:-1] + 1] - np.arange(1, len(width))
     falls &= left >= np.maximum(LEDGE_M * px_per_m[piece_of[:-1]], 2.0)
     falls &= width[:-1] >= MIN_LEDGE_PX
+    if falls.sum() > MAX_PIECES:
+        return pieces, np.arange(len(rows))
     part_of_line = np.cumsum(np.concatenate([[False], falls | ~inside]))
     part = part_of_line[line]
     order = np.argsort(part, kind="stable")

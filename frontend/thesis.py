@@ -89,7 +89,8 @@ class ThesisFrontEnd:
         """Return contours of every colour that pass the area test, and centroids."""
         config = self._config
         rows = len(picture)
-        top, bottom = int(config.roi_top * rows), int(config.roi_bottom * rows)
+        top = int(config.roi_top * rows)
+        bottom = max(int(config.roi_bottom * rows), top + 1)
         flat = cv2.pyrMeanShiftFiltering(
             picture,
             config.spatial_radius_px,

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from conegraph.frontend.blobs import boxes
+from conegraph.frontend.scale import CONE_HEIGHT_M
 from conegraph.types import Array, IntArray
 
 MIN_HEIGHT_PX = 9
@@ -34,6 +35,8 @@ def split_towers(
     start = np.flatnonzero(np.diff(owner, prepend=-1, append=-1))
     size = boxes(pixel_uv[:, 0], pixel_uv[:, 1], owner)
     width, height = size[:, 2] - size[:, 0], size[:, 3] - size[:, 1]
+    # Several cones in a row are taken for a wide one where only width gives a scale.
+    px_per_m = np.minimum(px_per_m, height / CONE_HEIGHT_M)
     large = (width > MIN_WIDTH_M * px_per_m) & (height >= MIN_HEIGHT_PX)
     made, origin = owner.copy(), list(range(len(px_per_m)))
     for row in np.flatnonzero(large).tolist():
