@@ -60,6 +60,14 @@ FIGURES: tuple[Figure, ...] = (
     Figure(_PATH, "RPE over 1 m", "m", 4, "low", "trajectory.rpe.0.rmse_m"),
     Figure(_PATH, "RPE over 10 m", "m", 3, "low", "trajectory.rpe.1.rmse_m"),
     Figure(_PATH, "final drift", "%", 2, "low", "trajectory.final_drift_percent"),
+    Figure(
+        _PATH,
+        "error²/covariance, 1 is right",
+        "",
+        2,
+        None,
+        "pose_consistency.nees_per_dof",
+    ),
     Figure(_SMOOTHED, "ATE, aligned", "m", 3, "low", "smoothed.ate_se2.rmse_m"),
     Figure(
         _SMOOTHED,

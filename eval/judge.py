@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conegraph.eval.association_metrics import AssociationMetrics, association_metrics
+from conegraph.eval.consistency import PoseConsistency, pose_consistency
 from conegraph.eval.map_metrics import MapMetrics, map_metrics
 from conegraph.eval.matching import DEFAULT_GATE_M, TWIN_DISTANCE_M, find_twins
 from conegraph.eval.record import Record
@@ -23,8 +24,10 @@ from conegraph.eval.run_metrics import (
 from conegraph.eval.trajectory_metrics import (
     MAX_TRUTH_GAP_S,
     TrajectoryMetrics,
+    pair_with_truth,
     trajectory_metrics,
 )
+from conegraph.geometry import between
 from conegraph.io.run_folder import RunFolder
 from conegraph.types import IntArray, Trajectory, TruthMap
 
@@ -63,6 +66,7 @@ class RunMetrics(Record):
         latency_ms: time by stage.
         status: frames by status.
         warnings: what is odd about the truth or the run, in sentences.
+        pose_consistency: errors of the causal estimate against its covariances.
     """
 
     trajectory: TrajectoryMetrics | None
@@ -73,6 +77,7 @@ class RunMetrics(Record):
     latency_ms: Mapping[str, LatencyStats]
     status: StatusMetrics
     warnings: tuple[str, ...]
+    pose_consistency: PoseConsistency | None = None
 
 
 def evaluate(
@@ -111,7 +116,22 @@ def evaluate(
         latency_ms=latency_stats(run.timing_ms),
         status=status_metrics(run.status),
         warnings=(*_truth_warnings(truth), *_run_warnings(run, causal, truth)),
+        pose_consistency=_pose_consistency(run, causal, truth.trajectory),
     )
+
+
+def _pose_consistency(
+    run: RunFolder, causal: TrajectoryMetrics | None, truth: Trajectory | None
+) -> PoseConsistency | None:
+    """Judge the causal poses' covariances in the run's own frame, its start."""
+    cov = run.pose_cov
+    if causal is None or truth is None or len(cov) == 0:
+        return None
+    pairs = pair_with_truth(run.trajectory, truth)
+    row = np.searchsorted(cov.stamp_s, pairs.stamp_s).clip(max=len(cov) - 1)
+    known = cov.stamp_s[row] == pairs.stamp_s
+    true = between(causal.pose_truth_start, pairs.truth[known])
+    return pose_consistency(pairs.estimate[known], cov.cov[row[known]], true)
 
 
 def _path_metrics(

@@ -14,7 +14,12 @@ import pytest
 
 from conegraph.eval import Truth, evaluate
 from conegraph.geometry import compose, inverse, to_child
-from conegraph.io.run_folder import AssociationRows, RunFolder, StatusRows
+from conegraph.io.run_folder import (
+    AssociationRows,
+    PoseCovariances,
+    RunFolder,
+    StatusRows,
+)
 from conegraph.types import Array, ConeMap, Trajectory, TruthMap
 
 START = np.array([30.0, -12.0, 2.0])
@@ -204,3 +209,27 @@ def test_importing_the_judge_is_light() -> None:
         "assert not heavy & set(sys.modules), heavy & set(sys.modules)\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_pose_covariances_are_judged_in_the_frame_of_the_start() -> None:
+    run, truth = perfect_run()
+    assert evaluate(run, truth).pose_consistency is None
+    n = len(run.trajectory)
+    off = np.array([0.3, -0.4, 0.02])
+    off_path = Trajectory(
+        run.trajectory.stamp_s,
+        run.trajectory.pose + off * (np.arange(n) > 0)[:, None],
+    )
+    cov = np.tile(np.diag(off**2), (n, 1, 1))
+    table = PoseCovariances(off_path.stamp_s, cov)
+    found = evaluate(replace(run, trajectory=off_path, pose_cov=table), truth)
+    assert found.pose_consistency is not None
+    # Every error is one sigma, but for the first pose, which has none.
+    assert found.pose_consistency.poses == n
+    assert found.pose_consistency.nees_per_dof == pytest.approx((n - 1) / n)
+    assert found.pose_consistency.share_inside == 1.0
+    double = PoseCovariances(off_path.stamp_s, cov / 4.0)
+    found = evaluate(replace(run, trajectory=off_path, pose_cov=double), truth)
+    assert found.pose_consistency is not None
+    assert found.pose_consistency.nees_per_dof == pytest.approx(4.0 * (n - 1) / n)
+    assert found.pose_consistency.share_inside == pytest.approx(1.0 / n)
