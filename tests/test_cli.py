@@ -296,3 +296,24 @@ def test_config_check_accepts_or_names_the_key(
         f"conegraph: {file}: asociation.gate_d2: no such key; "
         "did you mean association.gate_d2?\n"
     )
+
+
+def test_tune_writes_a_config_that_runs_and_says_what_changed(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "tuned.toml"
+    wrong = ("--set", "sensor.scale=0.5", "--frames", 60, "--sensor", "scale")
+    assert run("tune", log, "--out", out, *wrong, "--json") == 0
+    found = json.loads(capsys.readouterr().out)
+    scale = found["changes"][0]
+    assert (scale["name"], scale["before"]) == ("sensor.scale", 0.5)
+    # 60 frames of five cones: 1 / sqrt(2 * 600) is 3 %; four of them, and 2 % more.
+    assert scale["after"] == pytest.approx(1.0, rel=0.14)
+    assert found["before"]["nis_per_dof"] > 1.5 > found["after"]["nis_per_dof"]
+    tuned = tomllib.loads(out.read_text(encoding="utf-8"))
+    assert tuned["sensor"] == {"scale": scale["after"]}
+    assert tuned["motion"].keys() == {"odometry_scale"}
+    assert run("run", "-c", out, "--out", tmp_path / "run", "--json") == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out)["consistency"]["overconfident_frames"] == 0
+    assert "overconfident" not in said.err
