@@ -27,7 +27,8 @@ class Panel:
         yaw_rad: direction of its face; None always turns to the camera.
         width_m: how wide.
         height_m: how tall.
-        picture: (h, w, 4) colour as the camera shows it, and coverage.
+        levels: pictures (h, w, 4), colour as the camera shows it times coverage,
+            and coverage; each of half the size of the last.
     """
 
     name: str
@@ -35,7 +36,7 @@ class Panel:
     yaw_rad: float | None
     width_m: float
     height_m: float
-    picture: Bytes
+    levels: tuple[Bytes, ...]
 
 
 def place_clutter(
@@ -66,9 +67,20 @@ def place_clutter(
         if nearest < clear:
             continue
         color = _roughened(sprite[..., :3].astype(np.float32), rng)
-        shown = np.dstack([to_bytes(lit(color, light)), sprite[..., 3]])
-        panels.append(Panel(kind, place, yaw, width, height, shown))
+        levels = _levels(to_bytes(lit(color, light)), sprite[..., 3])
+        panels.append(Panel(kind, place, yaw, width, height, levels))
     return tuple(panels)
+
+
+def _levels(color: Bytes, cover: Bytes) -> tuple[Bytes, ...]:
+    """Return a sprite in ever smaller sizes, its colours times its coverage."""
+    share = cover[..., None].astype(np.float32) / 255
+    levels = [np.dstack([to_bytes(color * share), cover])]
+    while max(levels[-1].shape[:2]) > 4:
+        tall, wide = (max(side // 2, 1) for side in levels[-1].shape[:2])
+        half = cv2.resize(levels[-1], (wide, tall), interpolation=cv2.INTER_AREA)
+        levels.append(np.asarray(half, dtype=np.uint8))
+    return tuple(levels)
 
 
 def _roughened(color: Floats, rng: np.random.Generator) -> Floats:

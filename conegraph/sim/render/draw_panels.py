@@ -58,7 +58,7 @@ def draw_panel(
     if (high - low < 1).any():
         return
     u0, v0, u1, v1 = (int(n) for n in (*low, *high))
-    sprite = _near_size(panel.picture, pixels)
+    sprite = _near_size(panel.levels, pixels)
     tall, wide = sprite.shape[:2]
     source = np.array([[0, 0], [wide, 0], [wide, tall], [0, tall]], np.float32) - 0.5
     target = (pixels - low).astype(np.float32)
@@ -74,20 +74,12 @@ def draw_panel(
     canvas.label[v0:v1, u0:u1][mine] = -1
 
 
-def _near_size(picture: Bytes, pixels: Array) -> Bytes:
-    """Return the sprite, colours times coverage, about as large as it is seen."""
-    tall = max(
-        np.linalg.norm(pixels[3] - pixels[0]), np.linalg.norm(pixels[2] - pixels[1])
-    )
-    wide = max(
-        np.linalg.norm(pixels[1] - pixels[0]), np.linalg.norm(pixels[2] - pixels[3])
-    )
-    height = int(np.clip(tall, 1, picture.shape[0]))
-    width = int(np.clip(wide, 1, picture.shape[1]))
-    cover = picture[..., 3:].astype(np.float32) / 255
-    full = np.dstack([picture[..., :3] * cover, picture[..., 3]]).astype(np.uint8)
-    small = cv2.resize(full, (width, height), interpolation=cv2.INTER_AREA)
-    return np.asarray(small, dtype=np.uint8)
+def _near_size(levels: tuple[Bytes, ...], pixels: Array) -> Bytes:
+    """Return the smallest picture that is not smaller than it is seen."""
+    tall = max(np.hypot(*(pixels[3] - pixels[0])), np.hypot(*(pixels[2] - pixels[1])))
+    wide = max(np.hypot(*(pixels[1] - pixels[0])), np.hypot(*(pixels[2] - pixels[3])))
+    enough = [p for p in levels if p.shape[0] >= tall and p.shape[1] >= wide]
+    return enough[-1] if enough else levels[0]
 
 
 def _plane_depth(

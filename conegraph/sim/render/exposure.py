@@ -11,6 +11,7 @@ from conegraph.types import Array
 
 _COARSE = 4
 _SHARP_PX = 0.7
+_FEW_TAPS_PX = 4.0
 
 
 def motion_blur(
@@ -38,11 +39,15 @@ def motion_blur(
     v = back @ (np.array([speed, 0.0, 0.0]) + lever)
     w = back @ np.array([0.0, 0.0, turn])
     du, dv = _flow(canvas, eye, v * exposure_s, w * exposure_s)
-    longest = float(np.sqrt((du * du + dv * dv).max()))
-    if longest < _SHARP_PX:
+    longest = np.sqrt((du * du + dv * dv).max(axis=1))
+    rows = np.flatnonzero(longest >= _SHARP_PX)
+    if not len(rows):
         return canvas.color
-    taps = int(np.clip(2 * np.ceil(longest / 3) + 1, 3, 9))
-    return _smeared(canvas.color, du, dv, taps)
+    part = slice(int(rows[0]), int(rows[-1]) + 1)
+    taps = 3 if longest.max() < _FEW_TAPS_PX else 5
+    blurred = canvas.color.copy()
+    blurred[part] = _smeared(canvas.color, part, du[part], dv[part], taps)
+    return blurred
 
 
 def _flow(canvas: Canvas, eye: Eye, v: Array, w: Array) -> tuple[Floats, Floats]:
@@ -61,11 +66,11 @@ def _flow(canvas: Canvas, eye: Eye, v: Array, w: Array) -> tuple[Floats, Floats]
     return du, dv
 
 
-def _smeared(picture: Bytes, du: Floats, dv: Floats, taps: int) -> Bytes:
-    rows, columns = picture.shape[:2]
-    u = np.arange(columns, dtype=np.float32)[None]
-    v = np.arange(rows, dtype=np.float32)[:, None]
-    total = np.zeros(picture.shape, np.uint16)
+def _smeared(picture: Bytes, rows: slice, du: Floats, dv: Floats, taps: int) -> Bytes:
+    """Return the mean (R, W, 3) of rows of the picture, moved along their flow."""
+    u = np.arange(picture.shape[1], dtype=np.float32)[None]
+    v = np.arange(rows.start, rows.stop, dtype=np.float32)[:, None]
+    total = np.zeros((*du.shape, 3), np.uint16)
     for share in np.linspace(-0.5, 0.5, taps, dtype=np.float32):
         seen = cv2.remap(
             picture,

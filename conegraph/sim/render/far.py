@@ -38,7 +38,11 @@ def paint_far(scene: Scene, eye: Eye, pose_world_car: Array) -> Canvas:
         footprint = _footprint(far[:, far.shape[1] // 2], eye)
         seen = paint_ground(scene.ground, gx, gy, footprint, pose_world_car[:2])
         seen = _hazy(seen, np.exp(-far / np.float32(scene.light.haze_m)), scene)
-        np.copyto(color[below], seen, where=ground[below][..., None])
+        mixed = max(above.stop - below.start, 0)
+        np.copyto(
+            color[below][:mixed], seen[:mixed], where=ground[below][:mixed, :, None]
+        )
+        color[below][mixed:] = seen[mixed:]
     depth = np.where(ground & (reach < _DEPTH_LIMIT_M), reach, 0).astype(np.float32)
     return Canvas(color, depth, np.full(x.shape, -1, np.int32))
 
