@@ -8,37 +8,32 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
 
 import numpy as np
 from shapely import LinearRing, Polygon
+from shapely.geometry.base import BaseGeometry
 
+from conegraph.bench.figure import Figure
 from conegraph.bench.track_hard import hard_cases
 from conegraph.bench.track_truth import (
     KnownTrack,
     Spoil,
-    known_track,
-    moved,
-    reverse,
     spoiled,
     window,
 )
 from conegraph.config import TrackConfig
-from conegraph.errors import ConegraphError
 from conegraph.geometry import compose
-from conegraph.io.tracks import read_track
 from conegraph.sim.polyline import nearest
-from conegraph.sim.skidpad import recognise_skidpad
-from conegraph.sim.track_shapes import built_in_track
 from conegraph.track import Track, detect_track
 from conegraph.track.shapes import road_polygon
-from conegraph.types import Array, ConeClass, IntArray
+from conegraph.types import Array, ConeClass, ConeMap, IntArray
 
 WINDOW_M = 20.0
-NARROWEST_LANE_M = 2.0
-"""Layouts with narrower lanes are no tracks that a car can drive."""
+STEPS = 5
+"""How often `bench_track` reports progress."""
 _POSES = 10
+_REPEATS = 5
 _AHEAD_M = 10.0
 _OFF_M = 1.0
 _SPOILS = {
@@ -57,7 +52,7 @@ _PRECISION = {"window, clean": 0.99, "window, mixed 10/5/5": 0.95}
 
 
 @dataclass(frozen=True, slots=True)
-class Figure:
+class Score:
     """One line of the table: what, its value, its target, and over how many."""
 
     name: str
@@ -72,38 +67,16 @@ class Figure:
         """Whether the target is met."""
         return self.value >= self.target if self.at_least else self.value <= self.target
 
-
-def closed_tracks(folder: Path) -> list[KnownTrack]:
-    """Return the loops among the track files of a folder, by name.
-
-    Files that are no track, open ones, skidpads and lanes that no car fits are left
-    out.
-    """
-    found = []
-    for path in sorted(folder.rglob("*")):
-        if path.suffix not in (".yaml", ".csv") or not path.is_file():
-            continue
-        try:
-            layout = read_track(path)
-            if not layout.closed or recognise_skidpad(layout, 15.0, 1.0) is not None:
-                continue
-            track = known_track(layout)
-        except ConegraphError:
-            continue
-        if track.closed and _lane_m(track) >= NARROWEST_LANE_M:
-            found.append(track)
-    return found
-
-
-def random_tracks(seeds: Sequence[int]) -> list[KnownTrack]:
-    """Return random courses from seeds, every other one turned and driven backwards."""
-    tracks = []
-    for seed in seeds:
-        track = known_track(built_in_track("random", seed))
-        track = replace(track, name=f"random {seed}")
-        track = moved(track, 0.7 * seed, np.array([300.0, -200.0]))
-        tracks.append(reverse(track) if seed % 2 else track)
-    return tracks
+    def figure(self) -> Figure:
+        """Return it as a row of a table."""
+        sign = "≥" if self.at_least else "≤"
+        return Figure(
+            self.name,
+            f"{sign} {self.target:g}",
+            f"{self.value:.3f} (n {self.count})",
+            self.met,
+            {"value": self.value, "n": float(self.count)},
+        )
 
 
 def bench_track(
@@ -111,19 +84,19 @@ def bench_track(
     seeds: Sequence[int],
     config: TrackConfig,
     progress: Callable[[int], None] | None = None,
-) -> list[Figure]:
+) -> list[Score]:
     """Return all figures over tracks and seeds."""
-    figures: list[Figure] = []
-    for step in (_full, _windows, _lines, _times, _hard):
+    figures: list[Score] = []
+    for done, step in enumerate((_full, _windows, _lines, _times, _hard), 1):
         figures += step(tracks, seeds, config)
         if progress is not None:
-            progress(len(figures))
+            progress(done)
     return figures
 
 
 def _full(
     tracks: Sequence[KnownTrack], seeds: Sequence[int], config: TrackConfig
-) -> Iterator[Figure]:
+) -> Iterator[Score]:
     bad = []
     for truth in tracks:
         track = detect_track(truth.cone_map(), config=config)
@@ -145,7 +118,7 @@ def _full(
 
 def _windows(
     tracks: Sequence[KnownTrack], seeds: Sequence[int], config: TrackConfig
-) -> Iterator[Figure]:
+) -> Iterator[Score]:
     precision = {}
     for name, (spoil, target) in _WINDOWS.items():
         bad, count, right, edges = [], 0, 0, 0
@@ -166,12 +139,12 @@ def _windows(
         yield _share(name, bad, count, target)
     for name, target in _PRECISION.items():
         value, edges = precision[name]
-        yield Figure(f"edge precision, {name}", value, target, True, edges)
+        yield Score(f"edge precision, {name}", value, target, True, edges)
 
 
 def _lines(
     tracks: Sequence[KnownTrack], seeds: Sequence[int], config: TrackConfig
-) -> Iterator[Figure]:
+) -> Iterator[Score]:
     """RMS of the centre line's distance to the true one, where that is given."""
     given = [t for t in tracks if t.given_line]
     for name, noise_m, target in (("clean", 0.0, 0.07), ("0.1 m noise", 0.1, 0.12)):
@@ -184,31 +157,29 @@ def _lines(
                 if len(track.centerline):
                     square.append(_off_line(track.centerline.xy_m, truth) ** 2)
         value = float(np.sqrt(np.concatenate(square).mean())) if square else np.nan
-        yield Figure(f"centre line RMS m, {name}", value, target, False, len(square))
+        yield Score(f"centre line RMS m, {name}", value, target, False, len(square))
 
 
 def _times(
     tracks: Sequence[KnownTrack], seeds: Sequence[int], config: TrackConfig
-) -> Iterator[Figure]:
+) -> Iterator[Score]:
     times = []
     for truth in tracks:
         for at in np.linspace(0, len(truth.line_m) - 1, 5).astype(int).tolist():
             pose = truth.pose_at(at)
             seen = window(truth, pose, WINDOW_M).cone_map()
-            times.append(
-                _best_ms(lambda m=seen, p=pose: detect_track(m, p, config=config))
-            )
-    yield Figure("window ms, median", float(np.median(times)), 2.0, False, len(times))
+            times.append(_best_ms(seen, pose, config))
+    yield Score("window ms, median", float(np.median(times)), 2.0, False, len(times))
     small, large = (course_of(n).cone_map() for n in (250, 500))
-    half = _best_ms(lambda: detect_track(small, config=config))
-    whole = _best_ms(lambda: detect_track(large, config=config))
-    yield Figure("full map of 250 cones, ms", half, 15.0, False, 1)
-    yield Figure("500 cones / 250, time", whole / half, 2.5, False, 1)
+    half = _best_ms(small, None, config)
+    whole = _best_ms(large, None, config)
+    yield Score("full map of 250 cones, ms", half, 15.0, False, 1)
+    yield Score("500 cones / 250, time", whole / half, 2.5, False, 1)
 
 
 def _hard(
     tracks: Sequence[KnownTrack], seeds: Sequence[int], config: TrackConfig
-) -> Iterator[Figure]:
+) -> Iterator[Score]:
     cases = hard_cases(seeds[0])
     bad = [name for name, right in cases if not right(config)]
     yield _share("hard cases right or unsure", bad, len(cases), 1.0)
@@ -313,26 +284,24 @@ def _off_line(xy: Array, truth: KnownTrack) -> Array:
     return np.asarray(np.abs(t[:, 0] * off[:, 1] - t[:, 1] * off[:, 0]))
 
 
-def _lane_m(track: KnownTrack) -> float:
-    away, _ = nearest(track.xy_m[track.left], track.xy_m[track.right])
-    return float(np.median(away))
-
-
-def _ring(xy: Array, left: IntArray, right: IntArray) -> Polygon:
+def _ring(xy: Array, left: IntArray, right: IntArray) -> BaseGeometry:
     a, b = (Polygon(xy[side]).buffer(0) for side in (left, right))
     return a.difference(b) if a.area > b.area else b.difference(a)
 
 
-def _share(name: str, bad: list[str], count: int, target: float) -> Figure:
+def _share(name: str, bad: list[str], count: int, target: float) -> Score:
     value = 1.0 - len(bad) / max(count, 1)
-    return Figure(name, value, target, True, count, tuple(bad))
+    return Score(name, value, target, True, count, tuple(bad))
 
 
-def _best_ms(call: Callable[[], object], repeats: int = 5) -> float:
-    """Return the shortest of some runs: what other processes add is not its cost."""
+def _best_ms(cone_map: ConeMap, pose: Array | None, config: TrackConfig) -> float:
+    """Return the shortest time of this thread in some runs.
+
+    What other processes take, or their caches, is not the method's cost.
+    """
     best = np.inf
-    for _ in range(repeats):
+    for _ in range(_REPEATS):
         began = time.thread_time()
-        call()
+        detect_track(cone_map, pose, config=config)
         best = min(best, time.thread_time() - began)
     return 1e3 * float(best)

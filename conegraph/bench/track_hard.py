@@ -53,8 +53,8 @@ def _ring_of(chain: list[int], low: int, high: int) -> bool:
     """Return whether a loop runs through rows low..high-1, rising or falling."""
     if sorted(chain) != list(range(low, high)):
         return False
-    step = set(((np.roll(chain, -1) - chain) % (high - low)).tolist())
-    return step in ({1}, {high - low - 1})
+    step = np.unique((np.roll(chain, -1) - chain) % (high - low)).tolist()
+    return step == [1] or step == [high - low - 1]
 
 
 def hard_cases(seed: int) -> list[Case]:
@@ -102,10 +102,10 @@ def hard_cases(seed: int) -> list[Case]:
         return track.confidence < UNSURE and (near or len(line) == 0)
 
     def duplicates(config: TrackConfig) -> bool:
-        twice = [np.vstack([s, s + 0.02]) for s in straight]
-        track = detect_track(map_of(*twice), pose, config=config)
-        left = sorted({k % n for k in track.left.tolist()})
-        return len(track.left) == n and left == list(range(n))
+        left, right = (np.vstack([s, s + 0.02]) for s in straight)
+        track = detect_track(map_of(left, right), pose, config=config)
+        places = sorted({k % n for k in track.left.tolist()})
+        return len(track.left) == n and places == list(range(n))
 
     def collinear(config: TrackConfig) -> bool:
         track = detect_track(

@@ -7,18 +7,26 @@ the side of it where it stands, in the order in which the line passes.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
+from conegraph.errors import ConegraphError
 from conegraph.geometry import rotation
 from conegraph.io.cone_names import hard_class_prob
+from conegraph.io.tracks import read_track
 from conegraph.sim.driving_line import SPACING_M, closes, driving_line
-from conegraph.sim.polyline import project, tangent
+from conegraph.sim.polyline import nearest, project, tangent
+from conegraph.sim.skidpad import recognise_skidpad
+from conegraph.sim.track_shapes import built_in_track
 from conegraph.types import Array, ConeClass, ConeMap, IntArray, TrackLayout
 
 LANE_REACH_M = 5.0
 """Cones farther from the line stand on the site and not on the track."""
+NARROWEST_LANE_M = 2.0
+"""Layouts with narrower lanes are no tracks that a car can drive."""
 _FALSE_REACH_M = 8.0
 _SIGMA_M = 0.05
 
@@ -89,6 +97,44 @@ def known_track(layout: TrackLayout) -> KnownTrack:
         closed,
         layout.centerline_m is not None,
     )
+
+
+def closed_tracks(folder: Path) -> list[KnownTrack]:
+    """Return the loops among the track files of a folder, by name.
+
+    Files that are no track, open ones, skidpads and lanes that no car fits are left
+    out.
+    """
+    found = []
+    for path in sorted(folder.rglob("*")):
+        if path.suffix not in (".yaml", ".csv") or not path.is_file():
+            continue
+        try:
+            layout = read_track(path)
+            if not layout.closed or recognise_skidpad(layout, 15.0, 1.0) is not None:
+                continue
+            track = known_track(layout)
+        except ConegraphError:
+            continue
+        if track.closed and _lane_m(track) >= NARROWEST_LANE_M:
+            found.append(track)
+    return found
+
+
+def random_tracks(seeds: Sequence[int]) -> list[KnownTrack]:
+    """Return random courses from seeds, every other one turned and driven backwards."""
+    tracks = []
+    for seed in seeds:
+        track = known_track(built_in_track("random", seed))
+        track = replace(track, name=f"random {seed}")
+        track = moved(track, 0.7 * seed, np.array([300.0, -200.0]))
+        tracks.append(reverse(track) if seed % 2 else track)
+    return tracks
+
+
+def _lane_m(track: KnownTrack) -> float:
+    away, _ = nearest(track.xy_m[track.left], track.xy_m[track.right])
+    return float(np.median(away))
 
 
 def moved(track: KnownTrack, yaw_rad: float, shift_m: Array) -> KnownTrack:

@@ -21,6 +21,7 @@ from conegraph.cli.detect import detect
 from conegraph.cli.record import record
 from conegraph.cli.run import run
 from conegraph.cli.simulate import simulate
+from conegraph.cli.track import track
 from conegraph.cli.tune import tune
 from conegraph.cli.view import view
 from conegraph.errors import ConegraphError
@@ -40,6 +41,7 @@ app.command("detect")(detect)
 app.command("calibrate")(calibrate)
 app.command("record")(record)
 app.command("simulate")(simulate)
+app.command("track")(track)
 app.command("tune")(tune)
 app.command("view")(view)
 app.add_typer(bench.app, name="bench")

@@ -7,6 +7,7 @@ import typer
 from conegraph.cli.bench_backends import backends
 from conegraph.cli.bench_frontend import frontend
 from conegraph.cli.bench_relocalisation import relocalisation
+from conegraph.cli.bench_track import track
 
 app = typer.Typer(
     help="Measure: each verb prints its figures beside what they should be.",
@@ -15,3 +16,4 @@ app = typer.Typer(
 app.command("backends")(backends)
 app.command("frontend")(frontend)
 app.command("relocalisation")(relocalisation)
+app.command("track")(track)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial import cKDTree
@@ -64,7 +66,7 @@ def center_line(
 
 
 def _reaches(
-    line: Array, trees: list[cKDTree], closed: bool, lane_m: float
+    line: Array, trees: Sequence[cKDTree], closed: bool, lane_m: float
 ) -> tuple[Array, Array]:
     """Return the distances to both curves; beyond a curve's end what the lane leaves.
 

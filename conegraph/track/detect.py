@@ -23,10 +23,14 @@ from conegraph.types import Array, ConeMap, IntArray
 
 _DOUBT_M = 1.5
 """Metres of lane that a nat of doubt must be worth at its open ends."""
+_BLIND_DOUBT_M = 6.0
+"""The same without colours, when any two rows of cones look like a lane."""
 _NEAR_M = 22.0
 """So far around the car its lane is followed gate by gate, without anchors."""
 _BEHIND_M = 0.5
+_GATE_CONE_NATS = 2.5
 _GATE_COSTS = GateCosts()
+_BLIND_COSTS = GateCosts(width=2.0, slant_free=1.6)
 _MEND_COSTS = MendCosts()
 
 
@@ -134,7 +138,9 @@ def _search(cones: Cones, pose: Array | None, lane_m: float) -> Lane | None:
     if course is None:
         course = GatePath(anchors[:1], 0.0, 0.0, False)
     if not course.closed:
-        course = _extended(graph, course)
+        course = _extended(
+            graph, course, _DOUBT_M if cones.coloured else _BLIND_DOUBT_M
+        )
     start_m = None
     if car is None and cones.start.any():
         start_m = np.median(cones.xy_m[cones.start], axis=0)
@@ -146,8 +152,9 @@ def _graph(
 ) -> tuple[GateGraph, int | None]:
     """Return the graph and, with a pose, the gate at the car between cones of air."""
     xy, against, left, right = cones.xy_m, cones.against, cones.left, cones.right
+    costs = _GATE_COSTS if cones.coloured else _BLIND_COSTS
     if pose is None:
-        return gate_graph(xy, against, left, right, lane_m, _GATE_COSTS), None
+        return gate_graph(xy, against, left, right, lane_m, costs), None
     n = len(xy)
     half = 0.5 * lane_m
     gate = to_parent(pose, np.array([[-_BEHIND_M, half], [-_BEHIND_M, -half]]))
@@ -157,18 +164,18 @@ def _graph(
         np.concatenate([left, [True, False]]),
         np.concatenate([right, [False, True]]),
         lane_m,
-        _GATE_COSTS,
+        costs,
     )
     at = np.flatnonzero((graph.left == n) & (graph.right == n + 1))
     return graph, int(at[0]) if len(at) else None
 
 
-def _extended(graph: GateGraph, course: GatePath) -> GatePath:
+def _extended(graph: GateGraph, course: GatePath, doubt: float) -> GatePath:
     """Return an open course with what lies before its first and after its last gate."""
     first, last = int(course.gates[0]), int(course.gates[-1])
-    ahead = find_lane(graph, last, doubt=_DOUBT_M, used=course.gates)
+    ahead = find_lane(graph, last, doubt=doubt, used=course.gates)
     used = np.concatenate([course.gates, ahead.gates])
-    behind = find_lane(graph, first, doubt=_DOUBT_M, backward=True, used=used)
+    behind = find_lane(graph, first, doubt=doubt, backward=True, used=used)
     gates = np.concatenate([behind.gates[:-1], course.gates, ahead.gates[1:]])
     return replace(
         course,
@@ -203,6 +210,8 @@ def _chain(cones: IntArray, closed: bool) -> IntArray:
 
 def _mended(cones: Cones, lane: Lane) -> Lane:
     chains = [lane.left, lane.right]
+    # Gate cones stand on a boundary or beside it: they must fit it well.
+    against = cones.against + _GATE_CONE_NATS * cones.start
     for side in (0, 1):
         free = np.ones(len(cones), dtype=np.bool_)
         free[chains[1 - side]] = False
@@ -210,12 +219,12 @@ def _mended(cones: Cones, lane: Lane) -> Lane:
             cones.xy_m,
             chains[side],
             lane.closed,
-            cones.against[side],
+            against[side],
             free,
             _MEND_COSTS,
         )
     left, right = untangle(
-        cones.xy_m, chains[0], chains[1], lane.closed, cones.against, _MEND_COSTS
+        cones.xy_m, chains[0], chains[1], lane.closed, against, _MEND_COSTS
     )
     return replace(lane, left=left, right=right)
 

@@ -167,10 +167,10 @@ def removal_gain(
     """Return what a boundary gains by leaving out each of its cones; (K,)."""
     p = _padded(xy[chain], closed)
     a2, a, b, c, c2 = (p[k : k + len(chain)] for k in range(5))
-    now = _bend(a2, a, b, costs) + _bend(a, b, c, costs) + _bend(b, c, c2, costs)
-    then = _bend(a2, a, c, costs) + _bend(a, c, c2, costs)
-    now += _long(a, b, costs) + _long(b, c, costs)
-    then += _long(a, c, costs)
+    bend = _bend((a2, a, b, a2, a), (a, b, c, a, c), (b, c, c2, c, c2), costs)
+    long = _long((a, b, a), (b, c, c), costs)
+    now = bend[0] + bend[1] + bend[2] + long[0] + long[1]
+    then = bend[3] + bend[4] + long[2]
     worth = costs.left_out - against[chain]
     count = np.bincount(chain, minlength=len(xy))
     worth = np.where(count[chain] > 1, worth - costs.twice, worth)
@@ -194,9 +194,10 @@ def _put_in(
     cone, slot = np.nonzero(_beside(xy[spare], a, c, costs.reach_m))
     u = xy[spare[cone]]
     a2, a, c, c2 = a2[slot], a[slot], c[slot], c2[slot]
-    now = _bend(a2, a, c, costs) + _bend(a, c, c2, costs) + _long(a, c, costs)
-    then = _bend(a2, a, u, costs) + _bend(a, u, c, costs) + _bend(u, c, c2, costs)
-    then += _long(a, u, costs) + _long(u, c, costs)
+    bend = _bend((a2, a, a2, a, u), (a, c, a, u, c), (c, c2, u, c, c2), costs)
+    long = _long((a, a, u), (c, u, c), costs)
+    now = bend[0] + bend[1] + long[0]
+    then = bend[2] + bend[3] + bend[4] + long[1] + long[2]
     gain = costs.left_out - against[spare[cone]] + now - then
     used: set[int] = set()
     slots: dict[int, int] = {}
@@ -230,15 +231,23 @@ def _padded(points: Array, closed: bool) -> Array:
     return np.concatenate([none, points, none])
 
 
-def _bend(a: Array, b: Array, c: Array, costs: MendCosts) -> Array:
-    """Return the cost of the turn at b; nothing where a neighbour is missing."""
-    u, v = b - a, c - b
-    turn = np.arctan2(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0], (u * v).sum(axis=1))
-    short = np.minimum(np.hypot(*u.T), np.hypot(*v.T)) / costs.short_m
+Points = tuple[Array, ...]
+
+
+def _bend(a: Points, b: Points, c: Points, costs: MendCosts) -> Array:
+    """Return the costs (M, K) of turns at b; 0 where a neighbour is missing."""
+    middle = np.stack(b)
+    u, v = middle - np.stack(a), np.stack(c) - middle
+    ux, uy, vx, vy = u[..., 0], u[..., 1], v[..., 0], v[..., 1]
+    turn = np.arctan2(ux * vy - uy * vx, ux * vx + uy * vy)
+    short = np.sqrt(np.minimum(ux * ux + uy * uy, vx * vx + vy * vy))
     bend = np.hypot(turn, costs.free_rad) - costs.free_rad
-    return np.asarray(np.nan_to_num(costs.bend * bend * np.minimum(short, 1.0) ** 2))
+    cost = costs.bend * bend * np.minimum(short / costs.short_m, 1.0) ** 2
+    return np.where(cost == cost, cost, 0.0)
 
 
-def _long(a: Array, b: Array, costs: MendCosts) -> Array:
-    excess = np.hypot(*(b - a).T) - costs.long_m
-    return np.asarray(np.nan_to_num(costs.per_long_m * np.maximum(excess, 0.0)))
+def _long(a: Points, b: Points, costs: MendCosts) -> Array:
+    """Return the costs (M, K) of long steps; 0 where an end is missing."""
+    step = np.stack(b) - np.stack(a)
+    excess = np.hypot(step[..., 0], step[..., 1]) - costs.long_m
+    return np.where(excess > 0.0, costs.per_long_m * excess, 0.0)

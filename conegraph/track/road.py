@@ -87,6 +87,10 @@ def _knots(
     ring = (left[:-1], right[:-1]) if closed else (left, right)
     i, j = (_places(c, n)[gates[:, k]] for k, c in enumerate(ring))
     known = (i >= 0) & (j >= 0)
+    if closed:
+        # The first cones are the last ones too.
+        end_i, end_j = (i == 0) & (2 * j > last[1]), (j == 0) & (2 * i > last[0])
+        i, j = np.where(end_i, last[0], i), np.where(end_j, last[1], j)
     found = np.unique(np.stack([i[known], j[known]], axis=1), axis=0)
     found = np.concatenate([[[0, 0]], found, [last]])
     # What falls behind the highest place so far would fold the strip.

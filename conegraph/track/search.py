@@ -67,11 +67,11 @@ def find_lane(
     matrix = graph.matrix(keep)
     way = csr_array(matrix.T) if backward else matrix
     (away,), (before,) = shortest(way, np.array([start]))
-    length = _lengths(graph.middle_m, away, before)
-    score = np.where(np.isfinite(away), length - doubt * away, -np.inf)
+    length, sound = _lengths(graph, away, before)
+    score = np.where(sound, length - doubt * np.where(sound, away, 0.0), -np.inf)
+    score[start] = 0.0
     end = int(np.argmax(score))
-    gates = _without_repeats(graph, trace(before, start, end))
-    end = int(gates[-1])
+    gates = trace(before, start, end)
     return GatePath(
         gates[::-1] if backward else gates, float(away[end]), float(length[end]), False
     )
@@ -86,33 +86,30 @@ def _fresh(graph: GateGraph, start: int, used: IntArray) -> Mask:
     return ~(gone[graph.tail] | gone[graph.head])
 
 
-def _without_repeats(graph: GateGraph, gates: IntArray) -> IntArray:
-    """Return the gates up to where a cone comes back, on either side."""
-    sides = (graph.left[gates].tolist(), graph.right[gates].tolist())
-    seen: set[int] = set()
-    last = [-1, -1]
-    for k in range(len(gates)):
-        for side in (0, 1):
-            cone = sides[side][k]
-            if cone != last[side] and cone in seen:
-                return gates[:k]
-            last[side] = cone
-            seen.add(cone)
-    return gates
+def _lengths(graph: GateGraph, away: Array, before: IntArray) -> tuple[Array, Mask]:
+    """Return how far each gate is along its path, and whether the path is a lane.
 
-
-def _lengths(middle: Array, away: Array, before: IntArray) -> Array:
-    """Return how far each gate is along its path, in metres."""
-    length = np.zeros(len(away))
+    A lane that comes back to one of its cones, on either side, is none.
+    """
+    middle = graph.middle_m
     reached = np.flatnonzero(np.isfinite(away) & (before >= 0))
     reached = reached[np.argsort(away[reached], kind="stable")]
-    step = np.hypot(*(middle[reached] - middle[before[reached]]).T)
-    so_far = length.tolist()
-    for gate, previous, metres in zip(
-        reached.tolist(), before[reached].tolist(), step.tolist(), strict=True
+    previous = before[reached]
+    step = np.hypot(*(middle[reached] - middle[previous]).T)
+    stays = graph.left[reached] == graph.left[previous]
+    fresh = np.where(stays, graph.right[reached], graph.left[reached])
+    length = [0.0] * len(away)
+    cones = [0] * len(away)
+    for root in np.flatnonzero(away == 0).tolist():
+        cones[root] = 1 << int(graph.left[root]) | 1 << int(graph.right[root])
+    for gate, u, metres, cone in zip(
+        reached.tolist(), previous.tolist(), step.tolist(), fresh.tolist(), strict=True
     ):
-        so_far[gate] = so_far[previous] + metres
-    return np.array(so_far)
+        mark = 1 << cone
+        if cones[u] and not cones[u] & mark:
+            cones[gate] = cones[u] | mark
+            length[gate] = length[u] + metres
+    return np.array(length), np.array([c > 0 for c in cones])
 
 
 def trace(before: IntArray, start: int, end: int) -> IntArray:

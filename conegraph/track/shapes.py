@@ -73,7 +73,8 @@ def road_raster(track: Track, cell_m: float = 0.1, margin_m: float = 1.0) -> Ras
     y = low[1] + cell_m * (np.arange(int(height)) + 0.5)
     shapely.prepare(road)
     mesh_x, mesh_y = np.meshgrid(x, y)
-    return Raster(shapely.contains_xy(road, mesh_x, mesh_y), low, cell_m)
+    inside = np.asarray(shapely.contains_xy(road, mesh_x, mesh_y))
+    return Raster(inside, low, cell_m)
 
 
 def geojson(track: Track) -> dict[str, Any]:
