@@ -113,5 +113,8 @@ def with_scaled_odometry(
     sample: VelocityObservation, config: MotionConfig
 ) -> VelocityObservation:
     """Return a velocity with its sigmas scaled as configured."""
-    scale = np.array(config.odometry_scale)
-    return replace(sample, cov=sample.cov * np.outer(scale, scale))
+    if config.odometry_scale == (1.0, 1.0):
+        return sample
+    u, r = config.odometry_scale
+    scale = np.array([[u * u, u * r], [u * r, r * r]])
+    return replace(sample, cov=sample.cov * scale)

@@ -13,10 +13,17 @@ from conegraph.backends.sensor_noise import (
     effective_sensor,
     polar_sigmas,
     transport_covariance,
+    with_configured_noise,
+    with_scaled_odometry,
 )
-from conegraph.config import SensorConfig
+from conegraph.config import MotionConfig, SensorConfig
 from conegraph.geometry import rotation
-from conegraph.types import Array, SensorModel
+from conegraph.types import (
+    Array,
+    ConeObservations,
+    SensorModel,
+    VelocityObservation,
+)
 
 MODEL = SensorModel(np.array([0.02, 0.01, 0.003]), 0.006, 0.03)
 PLAIN = SensorModel(np.array([0.02, 0.01, 0.003]), 0.006)
@@ -104,3 +111,26 @@ def test_configured_keys_lie_over_the_source_s_and_those_over_the_generic() -> N
     assert mixed.floor_m == 0.0
     assert mixed.max_range_m == pytest.approx(7.0)
     np.testing.assert_array_equal(mixed.range_sigma_m, MODEL.range_sigma_m)
+
+
+def test_configured_noise_is_the_source_s_or_the_model_s_times_the_scale() -> None:
+    xy = np.array([[5.0, 0.0], [0.0, 8.0]])
+    frame = ConeObservations(
+        0.0, xy, np.tile(np.eye(2), (2, 1, 1)), np.full((2, 5), 0.2)
+    )
+    model = SensorModel(np.array([0.1, 0.0, 0.0]), 0.01)
+    source = with_configured_noise(frame, SensorConfig(scale=2.0), model)
+    np.testing.assert_array_equal(source.cov_m2, 4.0 * frame.cov_m2)
+    modelled = SensorConfig(noise_from="model", scale=2.0)
+    found = with_configured_noise(frame, modelled, model).cov_m2
+    # 0.1 m along the ray; 0.01 rad at 5 m and at 8 m across it; twice that.
+    expected = [np.diag([0.2, 0.1]) ** 2, np.diag([0.16, 0.2]) ** 2]
+    np.testing.assert_allclose(found, expected, atol=1e-15)
+
+
+def test_odometry_is_scaled_in_speed_and_yaw_rate_apart() -> None:
+    cov = np.array([[4.0, 1.0], [1.0, 9.0]])
+    sample = VelocityObservation(0.0, 1.0, 0.1, cov)
+    scaled = with_scaled_odometry(sample, MotionConfig(odometry_scale=(2.0, 0.5)))
+    np.testing.assert_array_equal(scaled.cov, [[16.0, 1.0], [1.0, 2.25]])
+    assert with_scaled_odometry(sample, MotionConfig()) is sample
