@@ -70,9 +70,10 @@ class Log:
 
     def when(self, status: Status, after_s: float) -> float:
         """Return the first stamp after a time with a status."""
+        stamps: list[float] = self.stamp_s.tolist()
         return next(
             t
-            for t, s in zip(self.stamp_s.tolist(), self.status, strict=True)
+            for t, s in zip(stamps, self.status, strict=True)
             if t > after_s and s is status
         )
 

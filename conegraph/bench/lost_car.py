@@ -76,7 +76,8 @@ class _Trial:
 
     def _drive(self, stamp_s: float, lost: bool, error: float) -> None:
         if lost or error > ON_ITS_WAY_M:
-            self.count.false_alarms += lost and not self._was_lost
+            called = lost and not self._was_lost
+            self.count.false_alarms += called and error <= ON_ITS_WAY_M
             self._fine_since_s = stamp_s
             return
         self.count.hours += (stamp_s - self._last_s) / 3600.0

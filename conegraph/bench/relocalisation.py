@@ -94,10 +94,10 @@ def measure(plan: Plan, advance: Callable[[int], None] | None = None) -> list[Fi
             if advance is not None:
                 advance(n * len(courses) + k + 1)
     return [
-        *_found_figures(own),
-        _never("false accepts, right map", own, NEVER_ON_OWN),
-        _never("false accepts, another track's map", foreign, NEVER_ON_OTHERS),
-        _never("accepts, equal-spacing circle and straight", alike, 0.0),
+        *found_figures(own),
+        never_accepted("false accepts, right map", own, NEVER_ON_OWN),
+        never_accepted("false accepts, another track's map", foreign, NEVER_ON_OTHERS),
+        never_accepted("accepts, equal-spacing circle and straight", alike, 0.0),
         *_lost_figures(lost),
         *_closure_figures(verified),
     ]
@@ -189,7 +189,8 @@ def _search_alike(kind: str, plan: Plan, config: Config) -> list[Query]:
     return queries
 
 
-def _found_figures(queries: Sequence[Query]) -> list[Figure]:
+def found_figures(queries: Sequence[Query]) -> list[Figure]:
+    """Return the shares of windows that were accepted and right."""
     figures = []
     for kind, seconds, target in FOUND:
         hits = [
@@ -214,7 +215,7 @@ def _share(name: str, hits: Sequence[bool], least: float) -> Figure:
     )
 
 
-def _never(name: str, queries: Sequence[Query], most: float) -> Figure:
+def never_accepted(name: str, queries: Sequence[Query], most: float) -> Figure:
     """Return a figure of accepts that are wrong."""
     wrong = sum(q.accepted and not q.right for q in queries)
     target = f"≤ {100 * most:g} %" if most else "0"
@@ -279,5 +280,5 @@ def _closure_figures(queries: Sequence[Query]) -> list[Figure]:
     elsewhere = [q for q in queries if not q.right]
     return [
         _share("closures verified within 1 s of the start line", at_start, 0.95),
-        _never("wrong closures verified", elsewhere, 0.0),
+        never_accepted("wrong closures verified", elsewhere, 0.0),
     ]

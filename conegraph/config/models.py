@@ -246,7 +246,7 @@ class RecoveryConfig(Section):
     """Least number of cones that must lie on the map."""
     search_period_s: Positive = 0.25
     """Time between searches while lost."""
-    lost_share: Annotated[float, Field(gt=0, lt=1)] = 0.5
+    lost_share: Annotated[float, Field(gt=0, lt=1)] = 0.42
     """Share of cones that fit the map below which the car is lost."""
 
 
