@@ -1,5 +1,7 @@
 """A drive with a camera: the same drive as without, body and pictures in step."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -59,6 +61,16 @@ def test_events_come_in_order_and_can_be_had_twice(drive: CameraDrive) -> None:
     again = drive.render(2)[0]
     assert np.array_equal(again.color, frames[2].color)
     assert np.array_equal(again.depth_m, frames[2].depth_m)
+
+
+def test_several_processes_render_the_same(drive: CameraDrive) -> None:
+    short = replace(drive, cars=drive.cars[:5], velocities=())
+    serial = [e for e in short.events() if isinstance(e, RgbdFrame)]
+    shared = [e for e in replace(short, workers=2).events() if isinstance(e, RgbdFrame)]
+    assert [f.stamp_s for f in shared] == [car.stamp_s for car in short.cars]
+    for a, b in zip(serial, shared, strict=True):
+        assert np.array_equal(a.color, b.color)
+        assert np.array_equal(a.depth_m, b.depth_m)
 
 
 def test_truth_of_a_picture_is_the_map_seen_from_the_car(drive: CameraDrive) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -93,9 +94,10 @@ def _write_pictures(track: str, options: SimOptions, out: Path) -> None:
     from conegraph.camera import RgbdFrame
     from conegraph.cli.progress import progress_bar
     from conegraph.io.rgbd_writer import RgbdWriter
+    from conegraph.sim.render_pool import free_cores
 
     with progress_bar(f"building {track}"):
-        drive = render_track(track, options)
+        drive = replace(render_track(track, options), workers=free_cores())
     with (
         RgbdWriter(out, drive.rig.camera, drive.rig.mount) as writer,
         progress_bar(f"rendering {track}", drive.n_frames) as advance,

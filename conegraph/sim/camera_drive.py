@@ -22,6 +22,7 @@ from conegraph.sim.render import (
     make_scene,
     render_frame,
 )
+from conegraph.sim.render_pool import rendered
 from conegraph.sim.vehicle import Motion, VehicleModel
 from conegraph.types import (
     Array,
@@ -65,6 +66,7 @@ class CameraDrive:
         cars: how the car moves at each.
         velocities: odometry, empty without it.
         seed: makes the noise of every picture.
+        workers: processes that render, see `rendered`.
         truth_trajectory: true poses.
         truth_map: true cones.
         sensor: None, the front end knows better.
@@ -84,6 +86,7 @@ class CameraDrive:
     sensor: SensorModel | None = None
     yaw_rate_bias_radps: float | None = None
     ids_are_given: bool = False
+    workers: int = 1
 
     @property
     def n_frames(self) -> int:
@@ -106,17 +109,21 @@ class CameraDrive:
             car=self.cars[index],
         )
 
+    def frame(self, index: int) -> RgbdFrame:
+        """Return a picture alone."""
+        return self.render(index)[0]
+
     def events(self) -> Iterator[Event | RgbdFrame]:
         """Yield odometry and pictures by stamp, odometry first where they tie."""
         waiting = 0
-        for index, car in enumerate(self.cars):
+        for frame in rendered(self.frame, self.n_frames, self.workers):
             while (
                 waiting < len(self.velocities)
-                and self.velocities[waiting].stamp_s <= car.stamp_s
+                and self.velocities[waiting].stamp_s <= frame.stamp_s
             ):
                 yield self.velocities[waiting]
                 waiting += 1
-            yield self.render(index)[0]
+            yield frame
         yield from self.velocities[waiting:]
 
 
