@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rich.console import Console
@@ -16,6 +16,8 @@ from conegraph.cli.progress import progress_bar
 from conegraph.config import Config
 from conegraph.eval import Comparison, render_table
 from conegraph.pipeline import Pipeline, RunResult
+from conegraph.sim.camera_drive import CameraDrive
+from conegraph.sim.render_pool import free_cores
 from conegraph.sources import open_stream
 from conegraph.types import ConeMap, Source
 from conegraph.viewer import Viewer, open_viewer, watch_camera
@@ -51,6 +53,8 @@ def run_jobs(
     config = next(iter(jobs.values())).config
     with progress_bar(f"reading {config.source}"):
         stream = open_stream(config.source, seed=config.seed)
+    if isinstance(stream, CameraDrive):
+        stream = replace(stream, workers=free_cores())
     source = with_front_end(stream, config)
     out.mkdir(parents=True, exist_ok=True)
     recording = out / RECORDING
