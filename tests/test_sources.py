@@ -209,3 +209,24 @@ def test_the_real_drives_open(data_dir: Path) -> None:
     with pytest.raises(SourceError, match=r"robots there: Robot1, Robot2, Robot3"):
         open_source(f"mrclam:{data_dir}/mrclam6/Robot9")
     assert open_source("victoria-park").n_frames == 6969
+
+
+def test_without_the_realsense_library_one_sentence_says_what_to_install(
+    tmp_path: Path,
+) -> None:
+    recording = tmp_path / "drive.db3"
+    recording.touch()
+    for source in ("realsense", str(recording)):
+        # None in sys.modules is how Python itself says that a module is not there.
+        code = (
+            "import sys\n"
+            "sys.modules['pyrealsense2'] = None\n"
+            "from conegraph.cli import main\n"
+            f"main(['record', {source!r}, '--out', {str(tmp_path / 'out')!r}])\n"
+        )
+        done = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 1
+        assert "apt install libusb-1.0-0" in done.stderr
+        assert done.stderr.count("\n") == 1
