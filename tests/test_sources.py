@@ -1,5 +1,7 @@
 """Every SOURCE opens, and every wrong one says what to write instead."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
