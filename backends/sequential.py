@@ -122,8 +122,8 @@ def _beats_rivals(weighed: Array, margin: float) -> Mask:
     for axis in (0, 1):
         if weighed.shape[axis] < 2:
             continue
-        two = np.partition(weighed, 1, axis=axis)
-        best, second = np.split(two.take([0, 1], axis=axis), 2, axis=axis)
+        two = np.moveaxis(np.partition(weighed, 1, axis=axis), axis, 0)
+        best, second = np.expand_dims(two[0], axis), np.expand_dims(two[1], axis)
         rival = np.where(weighed == best, second, best)
         with np.errstate(invalid="ignore"):
             wins &= rival - weighed >= margin

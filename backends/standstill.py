@@ -57,7 +57,8 @@ class StandstillWatch:
         if last - first < 0.8 * WINDOW_S or stamp_s - last > 2.0 * spacing_s:
             return False
         value = np.array([[v.u_mps, v.r_radps] for v in self._samples])
-        sigma = np.sqrt([np.diag(v.cov) for v in self._samples])
+        cov = np.array([v.cov for v in self._samples])
+        sigma = np.sqrt(cov[:, [0, 1], [0, 1]])
         still = np.array([STILL_MPS, STILL_RADPS])
         noise = sigma.mean(axis=0) / np.sqrt(len(value))
         if (3.0 * noise > 2.0 * still).any():

@@ -23,8 +23,11 @@ def wrap_angle(angle_rad: Array | float) -> Array:
 def rotation(yaw_rad: Array | float) -> Array:
     """Return R with ``p_parent = R p_child``; shape (..., 2, 2)."""
     yaw = np.asarray(yaw_rad, dtype=np.float64)
-    c, s = np.cos(yaw), np.sin(yaw)
-    return np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], -2)
+    turn = np.empty((*yaw.shape, 2, 2))
+    turn[..., 0, 0] = turn[..., 1, 1] = np.cos(yaw)
+    turn[..., 1, 0] = np.sin(yaw)
+    turn[..., 0, 1] = -turn[..., 1, 0]
+    return turn
 
 
 def compose(pose_a_b: Array, pose_b_c: Array) -> Array:
