@@ -19,7 +19,10 @@ from conegraph.config import Config, config_to_toml
 from conegraph.eval import RunMetrics, Truth, evaluate
 from conegraph.io.run_folder import RunFolder, RunWriter, read_run
 from conegraph.sources import open_stream
+from conegraph.track import detect_track
+from conegraph.track.files import write_track
 from conegraph.types import (
+    Array,
     ConeMap,
     ConeObservations,
     FrameRecord,
@@ -32,6 +35,8 @@ from conegraph.types import (
 )
 from conegraph.viewer import NullViewer, Viewer
 
+TRACK = "track"
+"""Folder in a run's folder for what `conegraph.track.files` writes."""
 CHECKPOINT_S = 5.0
 """Stream time between maps written while running, so that a kill leaves one."""
 
@@ -182,9 +187,11 @@ class Pipeline:
             writer = RunWriter(out, config_to_toml(self.config))
         self._viewer.start(self.source)
         with writer as files:
-            checkpoint_s = -np.inf
+            checkpoint_s, first_pose = -np.inf, None
             for record in self.records():
                 log.add(record)
+                if first_pose is None:
+                    first_pose = record.estimate.pose
                 self._viewer.frame(record, self.backend.cone_map)
                 if files is not None:
                     files.frame(record)
@@ -199,7 +206,14 @@ class Pipeline:
             if files is not None:
                 files.retract(self.backend.last_events.retractions)
                 files.finish(cone_map, smoothed, summary)
+                self._write_track(files.folder, cone_map, first_pose)
             return self._judged(files, out, log, cone_map, smoothed, summary)
+
+    def _write_track(self, out: Path, cone_map: ConeMap, pose: Array | None) -> None:
+        """Write the track between the cones of the final map, as ``track`` does."""
+        config = self.config
+        track = detect_track(cone_map, pose, config=config.track, roles=config.roles)
+        write_track(out / TRACK, track)
 
     def records(self) -> Iterator[FrameRecord]:
         """Feed every event to the back end; yield what became of each frame."""

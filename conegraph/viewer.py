@@ -14,6 +14,7 @@ from conegraph.types import ConeMap, FrameRecord, StreamInfo, Trajectory
 
 if TYPE_CHECKING:
     from conegraph.camera import RgbdFrame
+    from conegraph.config import Roles, TrackConfig
     from conegraph.frontend.base import Detections
 
 
@@ -64,6 +65,8 @@ def open_viewer(
     path: Path | None,
     map_period_s: float,
     camera: bool = False,
+    track: TrackConfig | None = None,
+    roles: Roles | None = None,
 ) -> dict[str, Viewer]:
     """Open one recording and give each back end its viewer into it.
 
@@ -78,6 +81,8 @@ def open_viewer(
         path: where to write the recording (``.rrd``), None for nowhere.
         map_period_s: time between full maps with their covariances.
         camera: whether to leave room for what `watch_camera` shows.
+        track: how the track between the cones is found.
+        roles: what each class of cones means on it.
 
     Returns:
         One viewer for each back end; null viewers when neither live nor path.
@@ -88,12 +93,16 @@ def open_viewer(
     """
     if not live and path is None:
         return {name: NullViewer() for name in backends}
+    from conegraph.track.live import LiveTrack
     from conegraph.viewer_rerun import RerunViewer
     from conegraph.viewer_stream import SharedStream
 
     stream = SharedStream(backends, live=live, path=path, camera=camera)
     return {
-        name: RerunViewer(stream, name, map_period_s=map_period_s) for name in backends
+        name: RerunViewer(
+            stream, name, map_period_s=map_period_s, track=LiveTrack(track, roles)
+        )
+        for name in backends
     }
 
 

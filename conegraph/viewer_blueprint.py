@@ -35,6 +35,7 @@ BACKEND_COLORS = (0x2EE6A6FF, 0xC792EAFF, 0xF78FB3FF, 0x8FD3F7FF)
 STAGE_COLORS = (0x4DD0E1FF, 0xFFB74DFF, 0xBA68C8FF, 0xAED581FF, 0xF06292FF, 0x90A4AEFF)
 WHITE, GREY, DARK_GREY = 0xFFFFFFFF, 0x8C8C8CFF, 0x4A4A4AFF
 GREEN, RED = 0x5BD68DFF, 0xFF4D4DFF
+ROAD, AHEAD = 0x2F4F4AFF, 0x7CE7FFFF
 
 CAR_LENGTH_M = 3.0
 
@@ -47,6 +48,8 @@ _LEGEND = """\
 - **Grey** are the true cones and path, laid on the first estimated pose.
 - The **coloured line** is the causal path, as known at each moment; the **white
   line** is the final, smoothed one.
+- **Blue and yellow lines** are the boundaries of the track on the map so far, the
+  triangles between them its road; the **light blue lane** is the one ahead of the car.
 - **Rays** lead from the car to what it sees and on to the cone that it was taken
   for: green matched, cyan new, grey tentative, pink ambiguous, red rejected.
 - **Green and red dots** are loop closures accepted and refused.
@@ -161,6 +164,12 @@ def static_parts(name: str, index: int) -> Iterator[tuple[str, rr.AsComponents]]
     yield name, rr.Transform3D(mat3x3=np.diag([1.0, -1.0, 1.0]))
     yield f"{name}/truth/trajectory", _lines(1.0, 1, DARK_GREY)
     yield f"{name}/truth/cones", _points(5.5, 2, DARK_GREY)
+    yield f"{name}/track/road", _lines(0.3, 3, ROAD)
+    yield f"{name}/track/left", _lines(0.6, 4, CONE_COLORS[ConeClass.BLUE])
+    yield f"{name}/track/right", _lines(0.6, 4, CONE_COLORS[ConeClass.YELLOW])
+    yield f"{name}/track/centerline", _lines(0.5, 5, GREY)
+    yield f"{name}/track/ahead/edges", _lines(1.0, 6, AHEAD)
+    yield f"{name}/track/ahead/centerline", _lines(1.5, 12, AHEAD)
     yield f"{name}/smoothed", _lines(1.25, 10, WHITE)
     yield f"{name}/trajectory", _lines(0.6, 11, color)
     yield f"{name}/observations", _match_classes()

@@ -17,6 +17,7 @@ from scipy.special import chdtri
 
 from conegraph import geometry
 from conegraph import viewer_blueprint as look
+from conegraph.track.live import LiveTrack
 from conegraph.types import (
     Array,
     ConeMap,
@@ -28,6 +29,7 @@ from conegraph.types import (
     Trajectory,
 )
 from conegraph.viewer_stream import SharedStream
+from conegraph.viewer_track import TrackLayer
 
 ELLIPSE_SIGMAS = 3.0
 MIN_STEP_M = 0.2
@@ -74,13 +76,22 @@ def _strips(
 class RerunViewer:
     """Logs one back end under its own prefix into the shared recording."""
 
-    def __init__(self, stream: SharedStream, name: str, *, map_period_s: float) -> None:
+    def __init__(
+        self,
+        stream: SharedStream,
+        name: str,
+        *,
+        map_period_s: float,
+        track: LiveTrack | None = None,
+    ) -> None:
         """Take part in ``stream`` as ``name``; full maps every ``map_period_s``."""
         self.stream = stream
         self._name = name
         self._map_period_s = map_period_s
+        self._track = TrackLayer(self._log, track or LiveTrack())
         self._source: StreamInfo | None = None
         self._frame = 0
+        self._pose: Array = np.zeros(3)
         self._stamp_s = 0.0
         self._map_due_s = -np.inf
         self._landmark_xy_m: dict[int, Array] = {}
@@ -111,7 +122,10 @@ class RerunViewer:
             if fresh is not None:
                 self._map_due_s = self._stamp_s + self._map_period_s
                 self._log_map(fresh)
+                self._track.show_map(fresh, record.estimate.pose)
             self._log_car(record.estimate.pose)
+            self._track.show_pose(record.estimate.pose)
+            self._pose = record.estimate.pose
             self._log_observations(record)
             self._log_events(record)
             self._log_plots(record)
@@ -124,6 +138,7 @@ class RerunViewer:
         with self.stream.guarded():
             self.stream.set_time(self._stamp_s, max(self._frame - 1, 0))
             self._log_map(cone_map)
+            self._track.show_map(cone_map, self._pose)
             if smoothed is not None:
                 self._log("smoothed", _strips(smoothed.pose[None, :, :2]))
 

@@ -45,7 +45,8 @@ def _row(x: Array, y: float) -> Array:
 
 def _is_chain(track: Track, left: int, right: int) -> bool:
     """Return whether the boundaries are rows 0..left-1 and the rest, in order."""
-    a, b = track.left.tolist(), track.right.tolist()
+    a: list[int] = track.left.tolist()
+    b: list[int] = track.right.tolist()
     return a == list(range(left)) and b == list(range(left, left + right))
 
 
@@ -53,8 +54,8 @@ def _ring_of(chain: list[int], low: int, high: int) -> bool:
     """Return whether a loop runs through rows low..high-1, rising or falling."""
     if sorted(chain) != list(range(low, high)):
         return False
-    step = np.unique((np.roll(chain, -1) - chain) % (high - low)).tolist()
-    return step == [1] or step == [high - low - 1]
+    step = np.unique((np.roll(chain, -1) - chain) % (high - low))
+    return len(step) == 1 and int(step[0]) in (1, high - low - 1)
 
 
 def hard_cases(seed: int) -> list[Case]:

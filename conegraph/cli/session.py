@@ -67,6 +67,8 @@ def run_jobs(
             path=recording if save_rrd else None,
             map_period_s=config.viewer.map_period_s,
             camera=isinstance(source, CameraStream),
+            track=config.track,
+            roles=config.roles,
         )
         if isinstance(source, CameraStream):
             period_s = config.viewer.picture_period_s

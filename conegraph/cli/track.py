@@ -29,7 +29,8 @@ def track(
         Path,
         typer.Argument(
             metavar="MAP.csv",
-            help="A map (x,y,class), such as a run's map.csv, or a track file.",
+            help="A map (x,y,class), such as a run's map.csv, a track file, or the "
+            "event skidpad or acceleration, whose map and path the rules give.",
         ),
     ],
     out: OutOption,
@@ -52,6 +53,9 @@ def track(
     from conegraph.track.plot import plot_track
 
     settings = load_config(config, set_ or [])
+    if str(map_) in ("skidpad", "acceleration") and not map_.exists():
+        _write_event(str(map_), _pose(pose), out)
+        return
     cone_map = _read(map_)
     found = detect_track(
         cone_map, _pose(pose), config=settings.track, roles=settings.roles
@@ -68,6 +72,18 @@ def track(
         f"{out}: {shape} track of {found.length_m:.1f} m, {len(found.left)} left and "
         f"{len(found.right)} right cones, {len(found.unused)} on no boundary, "
         f"confidence {found.confidence:.2f}{doubt}"
+    )
+
+
+def _write_event(name: str, pose: Array | None, out: Path) -> None:
+    from conegraph.track.events import Event, plan_event
+    from conegraph.track.files import MAP, write_event
+
+    plan = plan_event(Event(name), pose)
+    write_event(out, plan)
+    typer.echo(
+        f"{out}: {name}, {len(plan.cone_map)} cones, {plan.s_m[-1]:.1f} m to drive; "
+        f"localise with: conegraph run SOURCE --map {out / MAP} --mode localize"
     )
 
 

@@ -10,7 +10,8 @@ import numpy as np
 from conegraph.errors import ConegraphError
 from conegraph.io.csv_table import exact, format_rows
 from conegraph.io.plain import to_plain
-from conegraph.io.run_writer import replace_text
+from conegraph.io.run_writer import MAP, format_map, replace_text
+from conegraph.track.events import EventPlan
 from conegraph.track.model import Track
 from conegraph.track.shapes import geojson
 
@@ -20,6 +21,8 @@ TRIANGLES = "triangles.csv"
 CENTERLINE = "centerline.csv"
 GEOJSON = "track.geojson"
 SUMMARY = "track.json"
+PATH = "path.csv"
+EVENT = "event.json"
 
 
 def write_track(folder: Path, track: Track) -> None:
@@ -28,10 +31,7 @@ def write_track(folder: Path, track: Track) -> None:
     Raises:
         ConegraphError: the folder or a file cannot be written.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConegraphError(f"{folder}: cannot be made: {error.strerror}") from error
+    _make(folder)
     replace_text(folder / BOUNDARIES, _boundaries(track))
     corners = track.triangle_id.astype(str)
     rows = format_rows([corners[:, k].tolist() for k in range(3)])
@@ -41,6 +41,37 @@ def write_track(folder: Path, track: Track) -> None:
     replace_text(folder / GEOJSON, shapes + "\n")
     summary = json.dumps(to_plain(summarise(track)), indent=2, allow_nan=False)
     replace_text(folder / SUMMARY, summary + "\n")
+
+
+def write_event(folder: Path, plan: EventPlan) -> None:
+    """Write the map and the scripted path of an event into a folder.
+
+    ``map.csv`` is for ``run --map map.csv --mode localize``; ``path.csv`` has the
+    columns ``s,x,y``; ``event.json`` says where the timing lines are and where to stop.
+
+    Raises:
+        ConegraphError: the folder or a file cannot be written.
+    """
+    _make(folder)
+    replace_text(folder / MAP, format_map(plan.cone_map))
+    columns = (plan.s_m, plan.path_m[:, 0], plan.path_m[:, 1])
+    replace_text(folder / PATH, "s,x,y\n" + format_rows([exact(c) for c in columns]))
+    facts = {
+        "schema_version": SCHEMA_VERSION,
+        "stop_s_m": plan.stop_s_m,
+        "timing_line": plan.line_pose,
+        "finish_line": plan.finish_pose,
+        "segments": plan.segments,
+    }
+    text = json.dumps(to_plain(facts), indent=2, allow_nan=False)
+    replace_text(folder / EVENT, text + "\n")
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConegraphError(f"{folder}: cannot be made: {error.strerror}") from error
 
 
 def summarise(track: Track) -> dict[str, object]:
