@@ -242,7 +242,7 @@ class RecoveryConfig(Section):
     """Least probability of the best pose on the map."""
     reset_probability: Probability = 0.999
     """The same to move the car at once; below, a second search must agree."""
-    min_inliers: Annotated[int, Field(ge=3)] = 6
+    min_inliers: Annotated[int, Field(ge=1)] = 6
     """Least number of cones that must lie on the map."""
     search_period_s: Positive = 0.25
     """Time between searches while lost."""
