@@ -129,8 +129,17 @@ def test_a_level_ray_meets_the_body_at_its_radius() -> None:
     np.testing.assert_allclose(normal, expected, atol=1e-5)
 
 
-def test_every_cone_pixel_lies_on_its_cone() -> None:
-    frame, truth = shot(rig=PERFECT)
+@pytest.mark.parametrize(
+    ("mount", "car"),
+    [
+        (D435.mount, CarState()),
+        (D435.mount, CarState(pitch_rad=-0.03, roll_rad=0.05)),
+        (CameraMount(0.4, -0.3, 1.2, 0.2, -0.04, 0.1), CarState(pitch_rad=0.02)),
+    ],
+    ids=["as mounted", "leaning", "mounted askew"],
+)
+def test_every_cone_pixel_lies_on_its_cone(mount: CameraMount, car: CarState) -> None:
+    frame, truth = shot(rig=replace(PERFECT, mount=mount), car=car)
     assert set(truth.cone_id.tolist()) == {10, 11, 12, 13, 14}
     for row in range(len(truth)):
         points = back_projected(frame, truth, row)

@@ -14,8 +14,9 @@ SourceArgument = Annotated[
     str,
     typer.Argument(
         metavar="SOURCE",
-        help="What to read: a cone-log folder, mrclam:FOLDER/RobotN, "
-        "victoria-park[:FILE], or sim:TRACK[?laps=N&seed=N&sensor=camera|lidar"
+        help="What to read: a folder with a cone log or an RGB-D sequence, a RealSense "
+        "recording (.db3, .bag), realsense[:SERIAL], mrclam:FOLDER/RobotN, "
+        "victoria-park[:FILE], or sim:TRACK[?laps=N&seed=N&sensor=camera|lidar|rgbd"
         "&odometry=on|off]. May be left out when the config names it.",
         show_default=False,
     ),

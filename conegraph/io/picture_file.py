@@ -32,8 +32,8 @@ def read_color(path: Path) -> NDArray[np.uint8]:
     """
     import cv2
 
-    shown = _decoded(path, cv2.IMREAD_COLOR_RGB)
-    return np.asarray(shown, dtype=np.uint8)
+    shown = np.asarray(_decoded(path, cv2.IMREAD_COLOR), dtype=np.uint8)
+    return np.asarray(cv2.cvtColor(shown, cv2.COLOR_BGR2RGB), dtype=np.uint8)
 
 
 def read_depth(path: Path) -> NDArray[np.uint16]:

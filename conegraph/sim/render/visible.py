@@ -101,7 +101,7 @@ def panels_ahead(scene: Scene, eye: Eye, pose: Array) -> list[SeenPanel]:
     xy = to_child(pose, places)
     found = []
     for panel, at in zip(scene.clutter, xy, strict=True):
-        away = float(np.hypot(*at))
+        away = float(np.hypot(*(at - eye.mount.position_m[:2])))
         if at[0] < _NEAREST_PANEL_M or away > _FARTHEST_PANEL_M:
             continue
         yaw = None if panel.yaw_rad is None else panel.yaw_rad - float(pose[2])
