@@ -103,10 +103,18 @@ class Tuning:
     rounds: int
     converged: bool
 
+    @property
+    def holds(self) -> bool:
+        """Whether frames that were not tuned on speak for the result too."""
+        before, after = self.check_before, self.check_after
+        if before is None or after is None:
+            return True
+        return after.overconfident_frames <= before.overconfident_frames
+
     def figures(self) -> dict[str, object]:
         """Return everything but the configuration."""
         names = [f.name for f in fields(self) if f.name != "config"]
-        return {name: getattr(self, name) for name in names}
+        return {**{name: getattr(self, name) for name in names}, "holds": self.holds}
 
 
 def tune(

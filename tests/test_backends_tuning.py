@@ -106,6 +106,10 @@ def test_the_tuned_innovations_are_white_and_as_with_the_true_noise(
         assert after.nis_per_dof == pytest.approx(true, rel=0.1)
         assert abs(after.correlation) < 4.0 / np.sqrt(800.0)
     assert result.after.overconfident_frames == 0
+    assert result.holds
+    worse = replace(result.after, overconfident_frames=81)
+    assert not replace(result, check_after=worse).holds
+    assert replace(result, check_before=None, check_after=None).holds
 
 
 def test_tuning_twice_gives_the_same_numbers() -> None:

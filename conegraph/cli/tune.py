@@ -113,3 +113,10 @@ def _print(tuning: Tuning) -> None:
     out.print(fits)
     if not tuning.converged:
         out.print(Text("Note: not settled; tune again, starting from the result (-c)"))
+    if not tuning.holds:
+        text = (
+            "Note: on the rest of the log the result is more often overconfident than "
+            "what you had: its noise is not the same everywhere. Tune on more --frames, "
+            "or keep what you had."
+        )
+        out.print(Text(text))
