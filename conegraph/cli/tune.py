@@ -116,7 +116,7 @@ def _print(tuning: Tuning) -> None:
     if not tuning.holds:
         text = (
             "Note: on the rest of the log the result is more often overconfident than "
-            "what you had: its noise is not the same everywhere. Tune on more --frames, "
-            "or keep what you had."
+            "what you had: the noise is not the same everywhere. Tune on more "
+            "--frames, or keep what you had."
         )
         out.print(Text(text))
