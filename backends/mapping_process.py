@@ -61,6 +61,11 @@ class ProcessMapping:
         self._thread.start()
 
     @property
+    def pid(self) -> int:
+        """The process's number."""
+        return self._process.pid or 0
+
+    @property
     def busy(self) -> bool:
         """Whether an answer is still to come."""
         return self._waiting > 0 and self._done.empty()

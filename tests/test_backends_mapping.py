@@ -1,0 +1,229 @@
+"""The graph over many laps: bounded, doubted, and in a process of its own."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from conegraph.backends.isam2 import Isam2Backend
+from conegraph.backends.journal import Journal
+from conegraph.backends.mapper import KEEP, SUM_UP_EVERY, Mapper
+from conegraph.backends.mapping import InlineMapping, Mapped, map_frames
+from conegraph.backends.mapping_process import ProcessMapping
+from conegraph.backends.motion import OdometryIncrement
+from conegraph.backends.tracked_frame import TrackedFrame
+from conegraph.config import Isam2Config, MotionConfig, load_config
+from conegraph.eval.align import align_se2
+from conegraph.geometry import between, constant_twist, to_child, to_parent
+from conegraph.pipeline import for_source
+from conegraph.sources import open_source
+from conegraph.types import Array, Retraction, VelocityObservation
+
+SIGMA_M = 0.05
+MOTION = MotionConfig(gyro_bias_sigma_radps=0.0)
+LAP = 160
+DT_S = 0.1
+SPEED_MPS, RATE_RADPS = 8.0, 2.0 * np.pi / (LAP * DT_S)
+RADIUS_M = SPEED_MPS / RATE_RADPS
+ANGLE = np.linspace(0.0, 2.0 * np.pi, 40, endpoint=False)
+CONES = np.concatenate(
+    [
+        [[r * np.sin(a), RADIUS_M - r * np.cos(a)] for a in ANGLE]
+        for r in (RADIUS_M - 1.5, RADIUS_M + 1.5)
+    ]
+)
+
+
+def ring(laps: int, seed: int = 0) -> list[TrackedFrame]:
+    """Return frames of a car that drives a circle and sees the cones ahead."""
+    rng = np.random.default_rng(seed)
+    n = laps * LAP + 20
+    poses = np.array(
+        [constant_twist(SPEED_MPS, RATE_RADPS, DT_S * k) for k in range(n)]
+    )
+    frames = []
+    for k in range(n):
+        seen = to_child(poses[k], CONES)
+        ids = np.flatnonzero((seen[:, 0] > 0) & (np.hypot(*seen.T) < 9.0))
+        increment = None
+        if k:
+            noise = rng.normal(size=3) * [0.01, 0.01, 0.001]
+            increment = OdometryIncrement(
+                DT_S,
+                between(poses[k - 1], poses[k]) + noise,
+                np.diag([1e-4, 1e-4, 1e-6]),
+                np.zeros(3),
+                np.array([SPEED_MPS, RATE_RADPS]),
+                1e-4 * np.eye(2),
+            )
+        wrong = poses[k] + (rng.normal(size=3) * [0.05, 0.05, 0.01] if k else 0.0)
+        frames.append(
+            TrackedFrame(
+                stamp_s=DT_S * k,
+                increment=increment,
+                state=np.array([*wrong, SPEED_MPS, RATE_RADPS, 0.0]),
+                speed_cov=1e-2 * np.eye(2),
+                landmark_id=ids,
+                row=np.arange(len(ids)),
+                xy_m=seen[ids] + rng.normal(size=(len(ids), 2)) * SIGMA_M,
+                cov_m2=np.tile(SIGMA_M**2 * np.eye(2), (len(ids), 1, 1)),
+                vague=np.zeros(len(ids), dtype=bool),
+            )
+        )
+    return frames
+
+
+def feed(mapper: Mapper, frames: list[TrackedFrame]) -> list[Retraction]:
+    taken = []
+    for at in range(0, len(frames), 4):
+        taken += mapper.update(frames[at : at + 4])
+    return taken
+
+
+def mapped(mapper: Mapper) -> Array:
+    return np.array([mapper.cone_m(c) for c in range(len(CONES))])
+
+
+def aligned_rms(mapper: Mapper) -> float:
+    return align_se2(mapped(mapper), CONES).rmse_m
+
+
+def test_summing_up_old_poses_costs_no_accuracy_and_bounds_the_window() -> None:
+    frames = ring(5)
+    exact, bounded = (Mapper(Isam2Config(bounded=b), MOTION) for b in (False, True))
+    feed(exact, frames)
+    assert len(exact.window) == len(frames)
+    longest = 0
+    for at in range(0, len(frames), 4):
+        bounded.update(frames[at : at + 4])
+        longest = max(longest, len(bounded.window))
+    # An open loop, two seconds of frames, may delay it; frames come four at a time.
+    assert longest <= KEEP + SUM_UP_EVERY + 2.0 / DT_S + 4
+    # What is summed up is linear for good: it may cost a few per cent, as long as it
+    # is linear where the window had converged.
+    assert aligned_rms(bounded) < 1.03 * aligned_rms(exact)
+    for cone in (0, 40, 79):
+        ratio = np.trace(bounded.cone_cov_m2(cone)) / np.trace(exact.cone_cov_m2(cone))
+        assert ratio == pytest.approx(1.0, abs=0.05)
+
+
+def test_the_final_solution_is_that_of_the_whole_journal() -> None:
+    frames = ring(4)
+    paths, maps = [], []
+    for bounded in (False, True):
+        mapper = Mapper(Isam2Config(bounded=bounded), MOTION)
+        feed(mapper, frames)
+        path, _ = mapper.settle(polish=True)
+        assert path is not None
+        assert len(path) == len(frames)
+        paths.append(path.pose)
+        maps.append(mapped(mapper))
+    np.testing.assert_allclose(maps[0], maps[1], atol=1e-4)
+    np.testing.assert_allclose(paths[0], paths[1], atol=2e-4)
+
+
+def test_a_wrong_sighting_is_taken_back_a_second_later() -> None:
+    frames = ring(1)
+    k, i = 60, 2
+    xy = frames[k].xy_m.copy()
+    xy[i] += [0.0, 2.0]
+    cone = int(frames[k].landmark_id[i])
+    frames[k] = replace(frames[k], xy_m=xy)
+    mapper = Mapper(Isam2Config(), MOTION)
+    early = feed(mapper, frames[: k + 8])
+    assert early == []
+    taken = feed(mapper, frames[k + 8 : k + 20])
+    assert [r.stamp_s for r in taken] == [pytest.approx(DT_S * k)]
+    assert taken[0].observation.tolist() == [i]
+    assert taken[0].landmark_id.tolist() == [cone]
+    # Two metres are 40 sigmas; the pose and the cone take a part of them.
+    assert 0.5 * 40**2 < taken[0].d2[0] < 1.1 * 40**2
+
+
+def test_the_last_sighting_of_a_cone_is_never_taken_back() -> None:
+    journal, frames = Journal(), ring(1)
+    entry = journal.append(frames[0])
+    one = np.array([0], dtype=np.int64)
+    assert journal.retract(entry, one, np.array([99.0])) == []
+    assert entry.kept.all()
+    again = journal.append(frames[1])
+    shared = np.flatnonzero(np.isin(again.frame.landmark_id, entry.cones))[:1]
+    assert len(journal.retract(again, shared, np.array([99.0]))) == 1
+    assert again.kept.sum() == len(again.frame.landmark_id) - 1
+
+
+def wait_for(mapping: ProcessMapping) -> Mapped | None:
+    until_s = time.monotonic() + 60.0
+    while mapping.busy and time.monotonic() < until_s:
+        time.sleep(0.005)
+    return mapping.poll()
+
+
+def test_a_process_maps_the_same_as_its_parent_would() -> None:
+    frames, config = ring(1)[:60], Isam2Config()
+    inline = InlineMapping(Mapper(config, MOTION), 30.0)
+    process = ProcessMapping(config, MOTION, None, 30.0)
+    for at in range(0, len(frames), 20):
+        batch = frames[at : at + 20]
+        process.submit(batch)
+        inline.submit(batch)
+        ours, theirs = inline.poll(), wait_for(process)
+        assert ours is not None
+        assert theirs is not None
+        assert ours.snapshot is not None
+        assert theirs.snapshot is not None
+        assert ours.snapshot.k == theirs.snapshot.k
+        np.testing.assert_array_equal(ours.snapshot.all_xy_m, theirs.snapshot.all_xy_m)
+        assert set(ours.snapshot.ids.tolist()) <= set(theirs.snapshot.ids.tolist())
+    settled = [m.finish(polish=True) for m in (inline, process)]
+    assert settled[0] is not None
+    assert settled[1] is not None
+    np.testing.assert_array_equal(settled[0].xy_m, settled[1].xy_m)
+    np.testing.assert_array_equal(settled[0].cov_m2, settled[1].cov_m2)
+
+
+def test_a_killed_process_stops_nobody() -> None:
+    frames = ring(1)[:40]
+    process = ProcessMapping(Isam2Config(), MOTION, None, 30.0)
+    process.submit(frames[:20])
+    assert wait_for(process) is not None
+    os.kill(process.pid, signal.SIGKILL)
+    process.submit(frames[20:])
+    assert wait_for(process) is None
+    assert process.finish(polish=True) is None
+
+
+def test_a_snapshot_of_nothing_solvable_is_none() -> None:
+    mapper = Mapper(Isam2Config(), MOTION)
+    mapper.failed = True
+    assert map_frames(mapper, ring(1)[:3], 20.0) == Mapped(None, ())
+
+
+def test_frames_go_on_while_the_graph_is_solved_elsewhere() -> None:
+    recording = open_source("sim:oval?laps=1&seed=3")
+    config = load_config(None, ["backend.mapping=process"], backend="isam2")
+    config = for_source(config, recording)
+    backend = Isam2Backend(config, recording.sensor)
+    for event in recording.events():
+        if isinstance(event, VelocityObservation):
+            backend.observe_velocity(event)
+        else:
+            backend.observe_cones(event)
+    path = backend.finish()
+    assert path is not None
+    truth, cones = recording.truth_trajectory, backend.cone_map()
+    assert truth is not None
+    assert recording.truth_map is not None
+    gap = np.linalg.norm(cones.xy_m[:, None] - recording.truth_map.xy_m, axis=2)
+    # How far the other process has come by when is not determined: a cone seen only
+    # at the very edge may lack its third sighting.
+    assert len(cones) >= 0.97 * len(recording.truth_map)
+    assert gap.min(axis=1).max() < 0.5
+    assert len(np.unique(gap.argmin(axis=1))) == len(cones)
+    start = to_parent(np.zeros(3), path.pose[:1, :2])
+    np.testing.assert_allclose(start, 0.0, atol=0.05)
