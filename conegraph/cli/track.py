@@ -76,8 +76,9 @@ def track(
 
 
 def _write_event(name: str, pose: Array | None, out: Path) -> None:
+    from conegraph.io.run_writer import MAP
     from conegraph.track.events import Event, plan_event
-    from conegraph.track.files import MAP, write_event
+    from conegraph.track.files import write_event
 
     plan = plan_event(Event(name), pose)
     write_event(out, plan)

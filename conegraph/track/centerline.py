@@ -60,6 +60,8 @@ def center_line(
         across = _normals(line, closed)
         line = line + 0.5 * (left_m - right_m)[:, None] * across
         line = _evenly(_calmed(line, closed), closed)
+        if len(line) < 3:
+            return CenterLine.empty()
     left_m, right_m = _reaches(line, trees, closed, lane_m)
     s, heading, bend = _shape(line, closed)
     return CenterLine(s, line, heading, bend, left_m, right_m)

@@ -80,7 +80,8 @@ def prepare(cone_map: ConeMap, roles: Roles) -> Cones:
     start = prob[:, role == "start"].sum(axis=1) > 0.5
     neither = np.maximum(1.0 - on_left - on_right, 0.0)
     share = np.stack([on_left, on_right]) + 0.5 * neither
-    against = -np.log(2 * np.clip(share, 1e-3, 0.5)).clip(0.0, _MOST_AGAINST)
+    odds = np.log(2 * np.clip(share, 1e-3, 0.5))
+    against = np.clip(-odds, 0.0, _MOST_AGAINST)
     return Cones(
         row,
         xy[row] - origin,

@@ -232,7 +232,7 @@ def _mended(cones: Cones, lane: Lane) -> Lane:
 def _known_gates(
     cones: Cones, lane: Lane, cone_map: ConeMap, previous: Track | None
 ) -> IntArray:
-    """Return the gates to build the road on, those of an earlier road first."""
+    """Return the gates for the road: an earlier road's, and those of new cones."""
     if previous is None or len(previous.triangles) == 0:
         return lane.gates
     ids = cone_map.id[cones.row]
@@ -241,4 +241,6 @@ def _known_gates(
     at = np.searchsorted(ids[order], old).clip(max=len(ids) - 1)
     rows = order[at]
     there = (ids[rows] == old).all(axis=1)
-    return np.concatenate([rows[there], lane.gates])
+    known = np.concatenate([previous.left_id, previous.right_id])
+    fresh = ~np.isin(ids[lane.gates], known).all(axis=1)
+    return np.concatenate([rows[there], lane.gates[fresh]])
