@@ -30,6 +30,8 @@ class Candidates:
         pixel_uv: (M, 2) pixels that are on a cone for sure, sorted by owner.
         owner: (M,) row of the cone that each of them is on.
         axis_uv: (N, 2) a point on each cone's axis, well above the ground.
+        crowded: (N,) whether it touches another of its colour, so that some of its
+            outline may be the other's.
     """
 
     box_px: Array
@@ -38,6 +40,7 @@ class Candidates:
     pixel_uv: IntArray
     owner: IntArray
     axis_uv: Array
+    crowded: Mask
 
     def __len__(self) -> int:
         return len(self.box_px)
@@ -53,6 +56,7 @@ class Candidates:
             self.pixel_uv[held],
             row[self.owner[held]],
             self.axis_uv[keep],
+            self.crowded[keep],
         )
 
     @staticmethod
@@ -66,6 +70,7 @@ class Candidates:
             np.zeros((0, 2), dtype=np.int64),
             none.astype(np.int64),
             np.zeros((0, 2)),
+            none.astype(bool),
         )
 
 

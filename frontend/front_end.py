@@ -13,7 +13,7 @@ from conegraph.frontend.camera import half_fov_rad
 from conegraph.frontend.ground import GroundTracker
 from conegraph.frontend.localize import Places, localize
 from conegraph.frontend.scale import GroundScale
-from conegraph.frontend.sizes import fits, measure_sizes, with_size
+from conegraph.frontend.sizes import fits, measure_sizes, with_doubt, with_size
 from conegraph.types import ConeObservations, Mask, SensorModel
 
 MILLIMETRES_ABOVE_M = 100.0
@@ -79,7 +79,8 @@ class RgbdFrontEnd:
         sizes = measure_sizes(frame, found, places, ground)
         keep = self._kept(places, fits(found.class_prob, sizes, SIZE_GATE_D2))
         prob = with_size(found.class_prob, sizes)
-        cones = ConeObservations(frame.stamp_s, places.xy_m, places.cov_m2, prob)
+        cov = with_doubt(places.cov_m2, prob, sizes)
+        cones = ConeObservations(frame.stamp_s, places.xy_m, cov, prob)
         return Detections(
             cones.subset(keep),
             sizes.box_px[keep],

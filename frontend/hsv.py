@@ -55,7 +55,7 @@ class HsvDetector:
         pieces = find_pieces(colour_of_pixels(hsv, config))
         if not len(pieces.box_px):
             return Candidates.empty()
-        pieces, _ = split_ledges(pieces, _px_per_m(pieces.box_px, top, scale))
+        pieces, whole = split_ledges(pieces, _px_per_m(pieces.box_px, top, scale))
         px_per_m = _px_per_m(pieces.box_px, top, scale)
         vivid = self._is_vivid(hsv, pieces.pixel_uv)
         n_vivid = np.bincount(pieces.owner, weights=vivid)
@@ -66,6 +66,9 @@ class HsvDetector:
         owner, origin = split_towers(uv, owner, px_per_m[cones])
         owner, uv, vivid = _sorted(owner, uv, vivid)
         prob = _class_prob(pieces.colour[cones][origin])
+        touching = np.zeros(len(cones), dtype=bool)
+        np.logical_or.at(touching, row, _several(whole))
+        crowded = touching[origin] | _several(origin)
         least = config.min_pixels if scale else max(config.min_pixels, LEAST_ALONE)
         enough = np.bincount(owner, weights=vivid) >= least
         uv = uv + np.array([0, top])
@@ -76,7 +79,7 @@ class HsvDetector:
         stands_out = np.clip(contrast / config.min_contrast - 0.5, 0.0, 1.0)
         score = cone_likeness(box, uv, owner) * stands_out
         axis = axis_points(box, uv, owner)
-        found = Candidates(box, prob, score, uv, owner, axis)
+        found = Candidates(box, prob, score, uv, owner, axis, crowded)
         return found.subset((score > 0) & enough)
 
     def _is_vivid(self, hsv: Picture, uv: IntArray) -> Mask:
@@ -89,6 +92,11 @@ def _sorted(
 ) -> tuple[IntArray, IntArray, Mask]:
     order = np.argsort(owner, kind="stable")
     return owner[order], uv[order], vivid[order]
+
+
+def _several(origin: IntArray) -> Mask:
+    """Say which rows share their origin with another."""
+    return np.asarray(np.bincount(origin)[origin] > 1)
 
 
 def _px_per_m(box_px: Array, top: int, scale: GroundScale | None) -> Array:

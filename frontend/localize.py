@@ -32,6 +32,8 @@ SURE_DEPTH = 0.1
 DOUBT_SHARE = 0.5
 EVEN_PX, BENT_SHARE = 0.5, 0.5
 """How far a foot's middle may be off the axis, and the share of more that is doubt."""
+CROWDED_EDGE_PX, CROWDED_AXIS_M = 1.5, 0.03
+"""Errors of the foot's row and of the axis where another cone touches."""
 CUT_SIGMA_M = 0.06
 """Error across of a cone that the picture's edge cuts."""
 NO_SIGMA = 1e6
@@ -174,7 +176,8 @@ def _ground_reading(
     inverse_depth = np.maximum(inverse_depth, MIN_INVERSE_DEPTH_PER_M)
     flat = ray @ mount.rotation_car_optical[:2].T
     edge_m = np.hypot(flat[:, 0], flat[:, 1]) / inverse_depth
-    row = ground.plane[1] * config.edge_sigma_px / frame.camera.fy_px
+    edge_px = np.where(found.crowded, CROWDED_EDGE_PX, config.edge_sigma_px)
+    row = ground.plane[1] * edge_px / frame.camera.fy_px
     relative = np.sqrt(row**2 + ground.variance(ray)) / inverse_depth
     range_m = edge_m + FOOT_EDGE_SHARE * side_m
     sigma_m = np.hypot(edge_m * relative, config.foot_sigma_m)
@@ -271,6 +274,7 @@ def _across(
     left, right = found.box_px[:, 0], found.box_px[:, 2]
     cut = (left <= 0.5) | (right >= frame.camera.width_px - 1.5)
     clear = np.hypot(pixel_m * config.center_sigma_px, config.axis_sigma_m)
+    clear = np.hypot(clear, np.where(found.crowded, CROWDED_AXIS_M, 0.0))
     lopsided_px = np.maximum(np.abs(0.5 * (left + right) - middle) - EVEN_PX, 0.0)
     return np.where(
         cut, CUT_SIGMA_M, np.hypot(clear, BENT_SHARE * lopsided_px * pixel_m)

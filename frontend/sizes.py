@@ -19,6 +19,9 @@ HEIGHTS_M = np.array([CONE_HEIGHT_M, BIG_HEIGHT_M])
 WIDTHS_M = np.array([0.275, 0.345])
 """Of the foot, turned by any angle."""
 HEIGHT_SPREAD_M, WIDTH_SPREAD_M = 0.03, 0.045
+WIDE_SIGMAS = 1.7
+"""How much wider than the mean a cone may be before it is doubted to be one."""
+CORNER_M = 0.1
 EDGE_PX = 1.0
 """How far a box's edge may be off."""
 TOP_SHARE = 0.3
@@ -33,11 +36,13 @@ class Sizes:
         height_m: (N,) from the ground to the top.
         misfit_d2: (N, 2) squared distance of height and width from those of a small
             and a big cone, in sigmas.
+        excess_m: (N, 2) how much wider each is than a small and a big cone are.
         box_px: (N, 4) boxes, completed where a faint top was found.
     """
 
     height_m: Array
     misfit_d2: Array
+    excess_m: Array
     box_px: Array
 
 
@@ -64,15 +69,18 @@ def measure_sizes(
     height = np.where(faint, CONE_HEIGHT_M, height)
     box = found.box_px.copy()
     box[:, 1] = np.where(faint, np.minimum(top[:, 1], box[:, 1]), box[:, 1])
-    width = (box[:, 2] - box[:, 0]) / metre_px
+    # The corner of a foot that is nearest makes it look wider.
+    width = (box[:, 2] - box[:, 0]) / metre_px * (1.0 - CORNER_M / places.range_m)
     rows, columns = frame.color.shape[:2]
     cut_low = box[:, 3] >= rows - 1.5
     cut_side = (box[:, 0] <= 0.5) | (box[:, 2] >= columns - 1.5)
     of_height = (height[:, None] - HEIGHTS_M) / doubtful[:, None]
-    of_width = (width[:, None] - WIDTHS_M) / np.hypot(edge_m, WIDTH_SPREAD_M)[:, None]
+    spread = np.hypot(edge_m, WIDTH_SPREAD_M)[:, None]
+    of_width = (width[:, None] - WIDTHS_M) / spread
+    excess = np.maximum(width[:, None] - WIDTHS_M - WIDE_SIGMAS * spread, 0.0)
     misfit = np.where(cut_low, 0.0, 1.0)[:, None] * of_height**2
     misfit = misfit + np.where(cut_side, 0.0, 1.0)[:, None] * of_width**2
-    return Sizes(height, misfit, box)
+    return Sizes(height, misfit, excess, box)
 
 
 def fits(prob: Array, sizes: Sizes, gate_d2: float) -> Mask:
@@ -81,6 +89,17 @@ def fits(prob: Array, sizes: Sizes, gate_d2: float) -> Mask:
     small, big = sizes.misfit_d2.T
     fit: Mask = np.where(orange, np.minimum(small, big), small) <= gate_d2
     return fit
+
+
+def with_doubt(cov_m2: Array, prob: Array, sizes: Sizes) -> Array:
+    """Widen covariances (N, 2, 2) of what is too wide for one cone: it may be two.
+
+    Where the one that is meant stands is then unknown by as much as it is too wide.
+    """
+    big = prob[:, ConeClass.BIG_ORANGE] > prob[:, ConeClass.ORANGE]
+    excess_m = np.where(big, sizes.excess_m[:, 1], sizes.excess_m[:, 0])
+    widened: Array = cov_m2 + (excess_m**2)[:, None, None] * np.eye(2)
+    return widened
 
 
 def with_size(prob: Array, sizes: Sizes) -> Array:

@@ -113,7 +113,13 @@ class ThesisFrontEnd:
         none = np.zeros((0, 2), dtype=np.int64)
         owner: IntArray = np.zeros(0, dtype=np.int64)
         found = Candidates(
-            np.array(boxes).reshape(-1, 4), prob, np.ones(len(at)), none, owner, at
+            np.array(boxes).reshape(-1, 4),
+            prob,
+            np.ones(len(at)),
+            none,
+            owner,
+            at,
+            np.zeros(len(at), dtype=bool),
         )
         return found, at
 

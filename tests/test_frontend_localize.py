@@ -57,7 +57,13 @@ def cone_at(
     prob = np.eye(5)[[ConeClass.BLUE]]
     axis = np.array([[middle, top[1] + 0.5 * (foot[1] - top[1])]])
     found = Candidates(
-        box, prob, np.ones(1), pixels, np.zeros(len(pixels), dtype=int), axis
+        box,
+        prob,
+        np.ones(1),
+        pixels,
+        np.zeros(len(pixels), dtype=int),
+        axis,
+        np.zeros(1, dtype=bool),
     )
     return RgbdFrame(0.0, color, depth_m, LENS, MOUNT), found
 
@@ -101,6 +107,14 @@ def test_doubt_about_the_plane_is_doubt_about_the_range() -> None:
     assert unsure.range_sigma_m[0] == pytest.approx(
         np.hypot(sure.range_sigma_m[0], tilt_m), rel=0.02
     )
+
+
+def test_a_neighbour_that_touches_is_a_reason_for_doubt() -> None:
+    frame, cone = cone_at(12.4, 0.0, body_range_m=12.0 - BODY_DEPTH_M)
+    alone = place(frame, cone)
+    crowded = place(frame, replace(cone, crowded=np.array([True])))
+    assert crowded.range_sigma_m[0] > 2 * alone.range_sigma_m[0]
+    assert np.sqrt(crowded.cov_m2[0, 1, 1]) > 0.03
 
 
 def test_depth_and_foot_that_agree_are_better_together() -> None:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from conegraph.bench.figure import Figure
     from conegraph.config import Config
 
+LIGHTS = "bright,overcast,low_sun,dusk"
 FIRST_SEED = 9000
 """Seeds from here on were never looked at while the detector was tuned."""
 
@@ -26,6 +27,9 @@ def frontend(
     frames: Annotated[
         int, typer.Option(min=2, help="Pictures of each course in each light.")
     ] = 12,
+    lights: Annotated[
+        str, typer.Option(metavar="A,B,…", help="In which light.")
+    ] = LIGHTS,
     photos: Annotated[
         Path | None,
         typer.Option(
@@ -52,10 +56,14 @@ def frontend(
     from conegraph.cli.session import console
     from conegraph.config import load_config
     from conegraph.io.plain import to_plain
+    from conegraph.sim.render import LIGHT_NAMES
 
     config = load_config(None, set_ or [])
     figures = [] if photos is None else _photos(photos, config)
-    scenes = Scenes(tuple(range(first_seed, first_seed + seeds)), frames=frames)
+    chosen = tuple(name for name in LIGHT_NAMES if name in lights.split(","))
+    if len(chosen) < len(lights.split(",")):
+        raise typer.BadParameter(f"--lights {lights!r}: of {LIGHTS}")
+    scenes = Scenes(tuple(range(first_seed, first_seed + seeds)), chosen, frames)
     with progress_bar("rendering and looking", len(scenes)) as advance:
         figures += front_end_figures(measure_front_end(config, scenes, advance))
     if maps:

@@ -7,9 +7,9 @@ from pathlib import Path
 from conegraph.cli.compare import DEFAULT_BACKENDS, compare
 from conegraph.cli.options import OutOption, ViewOption
 
-DRIVE = "sim:autocross?laps=2&seed=1&sensor=camera&odometry=on"
+DRIVE = "sim:random:7?laps=2&seed=1&sensor=rgbd&rate=10&light=bright&odometry=on"
 
 
 def demo(out: OutOption = Path("out/demo"), view: ViewOption = False) -> None:
-    """Simulate two laps, run both back ends, and judge them."""
+    """Render two laps, find the cones, run both back ends, and judge them."""
     compare(out, DRIVE, DEFAULT_BACKENDS, view=view, save_rrd=True)

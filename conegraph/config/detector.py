@@ -135,15 +135,15 @@ class GroundConfig(Section):
 class LocalizationConfig(Section):
     """From a detection in the picture to a position with its covariance."""
 
-    edge_sigma_px: Positive = 0.2
+    edge_sigma_px: Positive = 0.16
     """Error of the row at which a cone meets the ground."""
-    center_sigma_px: Positive = 0.12
+    center_sigma_px: Positive = 0.1
     """Error of the column of a cone's axis."""
-    axis_sigma_m: Positive = 0.003
+    axis_sigma_m: Positive = 0.0012
     """Error of the axis up close, where pixels are small."""
     depth_correlation_px: Positive = 5.0
     """Side of the square of pixels whose depths err together."""
-    foot_sigma_m: Positive = 0.015
+    foot_sigma_m: Positive = 0.01
     """How far the foot's near edge strays from where a foot at a middling angle has
     it."""
     gate_d2: Positive = 7.0
