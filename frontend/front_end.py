@@ -92,16 +92,13 @@ class RgbdFrontEnd:
     def _checked(self, frame: RgbdFrame) -> RgbdFrame:
         """Return the frame without depth where its depth cannot be true."""
         coarse = frame.depth_m[::8, ::8]
-        some = coarse[coarse > 0]
-        if (
-            len(some)
-            and np.isfinite(some).all()
-            and (np.median(some) <= MILLIMETRES_ABOVE_M)
-        ):
+        some = coarse[(coarse > 0) & np.isfinite(coarse)]
+        if not len(some):
+            reason = "frame without depth"
+        elif np.median(some) > MILLIMETRES_ABOVE_M:
+            reason = "depth that looks like millimetres"
+        else:
             return frame
-        reason = (
-            "depth that looks like millimetres" if len(some) else "frame without depth"
-        )
         self.rejected[reason] += 1
         return RgbdFrame(
             frame.stamp_s,

@@ -20,6 +20,7 @@ from conegraph.types import Array
 GRID_STEP_PX = 8
 ROUNDS = 4
 MIN_POINTS = 60
+WORST_CONDITION = 1e10
 INLIER_SIGMAS = 2.5
 FIRST_BAND_PER_M = 0.10
 """How far from the expected plane a point may be at first, in inverse depth."""
@@ -129,21 +130,20 @@ def fit_plane(frame: RgbdFrame, expected: GroundPlane) -> GroundPlane | None:
     plane: Array = expected.plane
     band = FIRST_BAND_PER_M
     noise = NOISE_PRIOR_PER_M
-    near = np.zeros(0, dtype=bool)
+    information = np.eye(3)
     for _ in range(ROUNDS):
         residual = y - x @ plane
         near = np.abs(residual) <= band
         if near.sum() < MIN_POINTS:
             return None
         kept = x[near]
-        plane = np.asarray(np.linalg.lstsq(kept, y[near], rcond=None)[0], np.float64)
+        information = kept.T @ kept
+        if np.linalg.cond(information) > WORST_CONDITION:
+            return None
+        plane = np.linalg.solve(information, kept.T @ y[near])
         residual = y[near] - kept @ plane
         noise = max(1.4826 * float(np.median(np.abs(residual))), NOISE_FLOOR_PER_M)
         band = INLIER_SIGMAS * noise
-    kept = x[near]
-    information = kept.T @ kept
-    if np.linalg.cond(information) > 1e10:
-        return None
     cov = np.asarray(np.linalg.inv(information), dtype=np.float64)
     return GroundPlane(plane, (NEIGHBOURS * noise) ** 2 * cov, noise, True)
 

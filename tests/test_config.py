@@ -37,7 +37,7 @@ def mutate(model: BaseModel) -> st.SearchStrategy[dict[str, Any]]:
     choices: dict[str, st.SearchStrategy[Any]] = {}
     for name, field in type(model).model_fields.items():
         default = getattr(model, name)
-        options = [o for o in get_args(field.annotation) if isinstance(o, str)]
+        options = [o for o in get_args(field.annotation) if isinstance(o, str | int)]
         if isinstance(default, BaseModel):
             models = [b() for b in CHOICES.get(name, [type(default)])]
             choices[name] = st.one_of([mutate(m) for m in models])

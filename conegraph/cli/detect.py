@@ -68,6 +68,8 @@ def detect(
             _look_at(job, image, every)
     if job.failures and not job.pictures:
         raise job.failures[0]
+    for reason, count in front_end.rejected.items():
+        print(f"conegraph: {count} x {reason}: depth left out", file=sys.stderr)
     for failure in job.failures:
         print(f"conegraph: left out: {failure}", file=sys.stderr)
     shown = "" if folder is None else f", drawn in {folder}"
