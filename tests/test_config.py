@@ -46,7 +46,7 @@ def mutate(model: BaseModel) -> st.SearchStrategy[dict[str, Any]]:
         elif isinstance(default, bool):
             choices[name] = st.booleans()
         elif isinstance(default, int):
-            choices[name] = st.integers(1, 10)
+            choices[name] = st.integers(1, 4)
         elif isinstance(default, str):
             choices[name] = st.text()
         elif isinstance(default, tuple):
