@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -11,6 +13,9 @@ from conegraph.camera import Camera, CameraMount, RgbdFrame
 from conegraph.errors import ConegraphError, MissingDependencyError
 from conegraph.types import Array
 
+MISSING = "frames missing in the recording"
+INCOMPLETE = "frames without colour or depth"
+BACKWARDS = "frame before the last one"
 LIBUSB_HELP = (
     "the RealSense library cannot be loaded: install pyrealsense2, and libusb "
     "(Debian, Ubuntu: apt install libusb-1.0-0)"
@@ -68,6 +73,30 @@ class FrameReader:
             self.camera,
             self._mount,
         )
+
+
+def in_order(
+    framesets: Iterator[Any], reader: FrameReader, left_out: Counter[str]
+) -> Iterator[RgbdFrame]:
+    """Yield frames whose time runs forward; count those that are not there.
+
+    A camera numbers its pictures: a gap in the numbers is that many missing.
+    """
+    last_number, last_s = -1, float("-inf")
+    for frameset in framesets:
+        color = frameset.get_color_frame()
+        number = int(color.get_frame_number()) if color else -1
+        if number > last_number + 1 > 0:
+            left_out[MISSING] += number - last_number - 1
+        last_number = max(number, last_number)
+        frame = reader.frame(frameset)
+        if frame is None:
+            left_out[INCOMPLETE] += 1
+        elif frame.stamp_s <= last_s:
+            left_out[BACKWARDS] += 1
+        else:
+            last_s = frame.stamp_s
+            yield frame
 
 
 def _registered(color: Any, depth: Any) -> bool:

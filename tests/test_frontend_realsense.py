@@ -1,5 +1,6 @@
 """RealSense recordings, made through a software device and played back for real."""
 
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,13 +12,9 @@ import pytest
 from conegraph.camera import Camera, CameraMount, RgbdFrame
 from conegraph.cli import main
 from conegraph.errors import ConegraphError, FileFormatError, SourceError
-from conegraph.frontend.realsense import (
-    MISSING,
-    LiveCamera,
-    RealsenseRecording,
-    read_realsense,
-)
-from conegraph.frontend.realsense_frames import camera_of, turned_round
+from conegraph.frontend.realsense import RealsenseRecording, read_realsense
+from conegraph.frontend.realsense_frames import MISSING, camera_of, turned_round
+from conegraph.frontend.realsense_live import LiveCamera
 from conegraph.io.camera_toml import CameraFile, format_camera_toml
 from conegraph.sources import open_stream
 
@@ -83,6 +80,9 @@ def record(path: Path, indices: list[int], form: Any, shift_m: float = 0.0) -> N
         depths.on_video_frame(shot)
         colors.on_video_frame(frame_of(color, picture, index, 3))
         assert syncer.try_wait_for_frames(2000)[0]
+        # Its writer runs beside this loop, and a busy machine lets it fall behind:
+        # then a frame's memory was seen to hold a later frame.
+        time.sleep(0.02)
     for sensor in sensors:
         sensor.stop()
         sensor.close()

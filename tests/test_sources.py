@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 
 from conegraph.camera import RgbdFrame
+from conegraph.cli.simulate import LightName
 from conegraph.errors import ConegraphError, SourceError
 from conegraph.sim.camera_drive import CameraDrive
+from conegraph.sim.render import LIGHT_NAMES
+from conegraph.simulated import LIGHTS
 from conegraph.sources import SimOptions, open_source, open_stream, parse_sim_query
 from conegraph.types import ConeObservations, Recording, Source, VelocityObservation
 
@@ -172,6 +175,10 @@ def test_a_drive_can_be_had_as_pictures() -> None:
     assert stream.n_frames is not None
     duration = stream.truth_trajectory.stamp_s[-1]
     assert stream.n_frames == int(duration * 2) + 1
+
+
+def test_lights_are_those_of_the_renderer() -> None:
+    assert LIGHTS == LIGHT_NAMES == tuple(LightName)
 
 
 def test_a_stream_may_be_of_cones(log: Path) -> None:

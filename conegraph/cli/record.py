@@ -59,7 +59,7 @@ def record(
 def _to_recording(stream: Stream, source: str, out: Path, seconds: float | None) -> int:
     from dataclasses import replace
 
-    from conegraph.frontend.realsense import LiveCamera
+    from conegraph.frontend.realsense_live import LiveCamera
 
     if not isinstance(stream, LiveCamera):
         raise ConegraphError(f"{source}: only a RealSense camera records into .db3")
