@@ -13,10 +13,11 @@ from conegraph.types import Array, ConeMap, IntArray, Mask
 
 MAX_CONES = 3000
 """More are no course: the tables of gates would grow with their square."""
-_SAME_PLACE_M = 0.12
+_SAME_PLACE_M = 0.06
 _MAY_STAND = 0.3
 _SURE = 0.7
 _MOST_AGAINST = 2.5
+_NO_COLOUR_NATS = 0.8
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,9 +53,8 @@ class Cones:
 
     @property
     def coloured(self) -> bool:
-        """Whether colours tell left from right: a third of all cones, each side."""
-        fewest = min(int(self.sure_left.sum()), int(self.sure_right.sum()))
-        return fewest >= 2 and fewest >= len(self) // 8
+        """Whether colours tell left from right."""
+        return _tells_sides(self.sure_left, self.sure_right)
 
 
 def prepare(cone_map: ConeMap, roles: Roles) -> Cones:
@@ -82,6 +82,10 @@ def prepare(cone_map: ConeMap, roles: Roles) -> Cones:
     share = np.stack([on_left, on_right]) + 0.5 * neither
     odds = np.log(2 * np.clip(share, 1e-3, 0.5))
     against = np.clip(-odds, 0.0, _MOST_AGAINST)
+    sure_left, sure_right = share > _SURE
+    if _tells_sides(sure_left, sure_right):
+        # Where cones have colours, one without stands there for something else.
+        against += _NO_COLOUR_NATS * ((neither > 0.5) & ~start)
     return Cones(
         row,
         xy[row] - origin,
@@ -89,11 +93,16 @@ def prepare(cone_map: ConeMap, roles: Roles) -> Cones:
         against,
         share[0] >= _MAY_STAND,
         share[1] >= _MAY_STAND,
-        share[0] > _SURE,
-        share[1] > _SURE,
+        sure_left,
+        sure_right,
         start,
         tuple(unused),
     )
+
+
+def _tells_sides(sure_left: Mask, sure_right: Mask) -> bool:
+    fewest = min(int(sure_left.sum()), int(sure_right.sum()))
+    return fewest >= 1 and fewest >= len(sure_left) // 8
 
 
 def _without_twins(

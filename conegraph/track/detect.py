@@ -16,15 +16,18 @@ from conegraph.track.mend import MendCosts, mend, untangle
 from conegraph.track.model import Track
 from conegraph.track.one_side import one_sided
 from conegraph.track.report import finished
-from conegraph.track.road import tile
+from conegraph.track.road import signed_area, tile
 from conegraph.track.search import GatePath, find_lane
 from conegraph.track.thesis import thesis_track
 from conegraph.types import Array, ConeMap, IntArray
 
-_DOUBT_M = 1.5
+_DOUBT_M = 1.0
 """Metres of lane that a nat of doubt must be worth at its open ends."""
-_BLIND_DOUBT_M = 6.0
+_BLIND_DOUBT_M = 4.0
 """The same without colours, when any two rows of cones look like a lane."""
+_HORIZON_M = 20.0
+_BLIND_HORIZON_M = 30.0
+_BEND, _BLIND_BEND = 2.0, 3.0
 _NEAR_M = 22.0
 """So far around the car its lane is followed gate by gate, without anchors."""
 _BEHIND_M = 0.5
@@ -99,6 +102,8 @@ def detect_track(
     lane = _mended(cones, lane)
     gates = _known_gates(cones, lane, cone_map, previous)
     triangles = tile(cones.xy_m, lane.left, lane.right, lane.closed, gates)
+    if not lane.closed:
+        lane, triangles = _unfolded(cones.xy_m, lane, triangles)
     line = center_line(
         cones.xy_m,
         lane.left,
@@ -138,9 +143,7 @@ def _search(cones: Cones, pose: Array | None, lane_m: float) -> Lane | None:
     if course is None:
         course = GatePath(anchors[:1], 0.0, 0.0, False)
     if not course.closed:
-        course = _extended(
-            graph, course, _DOUBT_M if cones.coloured else _BLIND_DOUBT_M
-        )
+        course = _extended(graph, course, cones.coloured)
     start_m = None
     if car is None and cones.start.any():
         start_m = np.median(cones.xy_m[cones.start], axis=0)
@@ -170,12 +173,25 @@ def _graph(
     return graph, int(at[0]) if len(at) else None
 
 
-def _extended(graph: GateGraph, course: GatePath, doubt: float) -> GatePath:
+def _extended(graph: GateGraph, course: GatePath, coloured: bool) -> GatePath:
     """Return an open course with what lies before its first and after its last gate."""
+    doubt = _DOUBT_M if coloured else _BLIND_DOUBT_M
+    horizon_m = _HORIZON_M if coloured else _BLIND_HORIZON_M
+    bend = _BEND if coloured else _BLIND_BEND
     first, last = int(course.gates[0]), int(course.gates[-1])
-    ahead = find_lane(graph, last, doubt=doubt, used=course.gates)
+    ahead = find_lane(
+        graph, last, doubt=doubt, horizon_m=horizon_m, bend=bend, used=course.gates
+    )
     used = np.concatenate([course.gates, ahead.gates])
-    behind = find_lane(graph, first, doubt=doubt, backward=True, used=used)
+    behind = find_lane(
+        graph,
+        first,
+        doubt=doubt,
+        horizon_m=horizon_m,
+        bend=bend,
+        backward=True,
+        used=used,
+    )
     gates = np.concatenate([behind.gates[:-1], course.gates, ahead.gates[1:]])
     return replace(
         course,
@@ -227,6 +243,18 @@ def _mended(cones: Cones, lane: Lane) -> Lane:
         cones.xy_m, chains[0], chains[1], lane.closed, against, _MEND_COSTS
     )
     return replace(lane, left=left, right=right)
+
+
+def _unfolded(xy: Array, lane: Lane, triangles: IntArray) -> tuple[Lane, IntArray]:
+    """Return the longest stretch of an open road without a triangle turned over."""
+    bad = np.flatnonzero(signed_area(xy, triangles) <= 0)
+    if len(bad) == 0:
+        return lane, triangles
+    ends = np.concatenate([[-1], bad, [len(triangles)]])
+    run = int(np.argmax(np.diff(ends)))
+    triangles = triangles[ends[run] + 1 : ends[run + 1]]
+    left, right = (c[np.isin(c, triangles)] for c in (lane.left, lane.right))
+    return replace(lane, left=left, right=right), triangles
 
 
 def _known_gates(

@@ -14,6 +14,8 @@ from conegraph.types import Array, IntArray, Mask
 _FENCE_LANES = 0.8
 """How far a start gate's line reaches beyond its cones, in lane widths: what runs
 around one of them crosses it, the next leg of the course does not."""
+_SHARPEST_M = 4.5
+_FREE_TURN_RAD = 0.15
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,17 +48,24 @@ def find_lane(
     start: int,
     *,
     doubt: float,
+    horizon_m: float,
+    bend: float = 0.0,
     backward: bool = False,
     used: IntArray | None = None,
 ) -> GatePath:
     """Return the open lane from a gate that goes farthest for its cost.
 
-    It ends where ``length - doubt * cost`` is largest.
+    It ends where ``h (1 - exp(-length / h)) - doubt * cost`` is largest, h being the
+    horizon: what is far is worth less, so that a lane out of sight is not sought in
+    the next leg of the course.
 
     Args:
         graph: gates and steps.
         start: the gate to start in.
         doubt: metres of lane that one nat of cost must be worth.
+        horizon_m: how far ahead lane is worth much.
+        bend: nats for each rad by which the middle of the lane turns sharper than a
+            car can.
         backward: look for what lies before the start; the path still ends in it.
         used: gates of the course that is known; their cones are not used again.
     """
@@ -68,7 +77,9 @@ def find_lane(
     way = csr_array(matrix.T) if backward else matrix
     (away,), (before,) = shortest(way, np.array([start]))
     length, sound = _lengths(graph, away, before)
-    score = np.where(sound, length - doubt * np.where(sound, away, 0.0), -np.inf)
+    away = away + bend * _bends(graph, away, before) if bend else away
+    worth = -horizon_m * np.expm1(-length / horizon_m)
+    score = np.where(sound, worth - doubt * np.where(sound, away, 0.0), -np.inf)
     score[start] = 0.0
     end = int(np.argmax(score))
     gates = trace(before, start, end)
@@ -84,6 +95,35 @@ def _fresh(graph: GateGraph, start: int, used: IntArray) -> Mask:
     spent[[graph.left[start], graph.right[start]]] = False
     gone = spent[graph.left] | spent[graph.right]
     return ~(gone[graph.tail] | gone[graph.head])
+
+
+def _bends(graph: GateGraph, away: Array, before: IntArray) -> Array:
+    """Return how much sharper than a car can each gate's path turns in all; rad (G,).
+
+    Directions are taken over two steps, in which both sides usually move.
+    """
+    middle = graph.middle_m
+    root = np.flatnonzero(away == 0)[:1]
+    parent = np.where(before >= 0, before, root)
+    grand = parent[parent]
+    way = middle - middle[grand]
+    old = way[parent]
+    turn = np.arctan2(
+        old[:, 0] * way[:, 1] - old[:, 1] * way[:, 0], (old * way).sum(axis=1)
+    )
+    step = np.hypot(*(middle - middle[parent]).T)
+    excess = np.maximum(np.abs(turn) - step / _SHARPEST_M - _FREE_TURN_RAD, 0.0)
+    reached = np.flatnonzero(np.isfinite(away) & (before >= 0))
+    reached = reached[np.argsort(away[reached], kind="stable")]
+    total = [0.0] * len(away)
+    for gate, u, more in zip(
+        reached.tolist(),
+        parent[reached].tolist(),
+        excess[reached].tolist(),
+        strict=True,
+    ):
+        total[gate] = total[u] + more
+    return np.array(total)
 
 
 def _lengths(graph: GateGraph, away: Array, before: IntArray) -> tuple[Array, Mask]:
