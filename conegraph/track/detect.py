@@ -130,7 +130,7 @@ def _search(cones: Cones, pose: Array | None, lane_m: float) -> Lane | None:
     if len(graph) == 0 or len(graph.cost) == 0:
         return None
     anchors = np.zeros(0, dtype=np.int64)
-    if cones.coloured:
+    if cones.coloured and _reaches_far(cones, pose):
         sure = np.zeros((2, len(graph.xy_m)), dtype=np.bool_)
         sure[0, : len(cones)], sure[1, : len(cones)] = cones.sure_left, cones.sure_right
         anchors = choose_anchors(graph, sure[0][graph.left] & sure[1][graph.right])
@@ -148,6 +148,13 @@ def _search(cones: Cones, pose: Array | None, lane_m: float) -> Lane | None:
     if car is None and cones.start.any():
         start_m = np.median(cones.xy_m[cones.start], axis=0)
     return _lane(graph, course, len(cones), start_m)
+
+
+def _reaches_far(cones: Cones, pose: Array | None) -> bool:
+    """Return whether there is more than the car's surroundings."""
+    if pose is None:
+        return True
+    return bool((np.hypot(*(cones.xy_m - pose[:2]).T) > _NEAR_M).any())
 
 
 def _graph(

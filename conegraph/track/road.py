@@ -91,13 +91,17 @@ def _knots(
         # The first cones are the last ones too.
         end_i, end_j = (i == 0) & (2 * j > last[1]), (j == 0) & (2 * i > last[0])
         i, j = np.where(end_i, last[0], i), np.where(end_j, last[1], j)
-    found = np.unique(np.stack([i[known], j[known]], axis=1), axis=0)
+    width = int(last[1]) + 1
+    key = np.unique(i[known] * width + j[known])
+    found = np.stack([key // width, key % width], axis=1)
     found = np.concatenate([[[0, 0]], found, [last]])
     # What falls behind the highest place so far would fold the strip.
     rising = found[:, 1] >= np.maximum.accumulate(found[:, 1])
     low = np.minimum.accumulate(found[::-1, 1])[::-1]
     rising &= found[:, 1] <= low
-    return np.asarray(np.unique(found[rising], axis=0))
+    found = found[rising]
+    fresh = np.concatenate([[True], (np.diff(found, axis=0) != 0).any(axis=1)])
+    return np.asarray(found[fresh])
 
 
 def _strip(xy: Array, left: IntArray, right: IntArray, knots: IntArray) -> IntArray:
