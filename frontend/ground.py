@@ -20,6 +20,9 @@ from conegraph.types import Array
 GRID_STEP_PX = 8
 ROUNDS = 4
 MIN_POINTS = 60
+PERSISTENT = 8
+MAX_TILT_RAD, MAX_STRETCH = 0.2, 1.5
+"""How far attitude and height may be from the mount's at most."""
 WORST_CONDITION = 1e10
 INLIER_SIGMAS = 2.5
 FIRST_BAND_PER_M = 0.10
@@ -72,7 +75,9 @@ class GroundTracker:
     The expected plane is the mount's, plus what the last frame's deviated from it,
     fading with the suspension's time constant; its covariance grows from the last
     frame's towards that of the mount's prior (a first-order Gauss-Markov process).
-    Depth that shows no ground near it leaves the expectation as it is.
+    Depth that shows no ground near it leaves the expectation as it is. A plane that is
+    far from it for `PERSISTENT` frames on end is believed, as the mount may be wrong,
+    unless no camera on a car could sit so.
     """
 
     config: GroundConfig
@@ -80,16 +85,20 @@ class GroundTracker:
     _cov: Array | None = None
     _stamp_s: float | None = None
     _noise_per_m: float = NOISE_PRIOR_PER_M
+    _strange: int = 0
 
     def update(self, frame: RgbdFrame) -> GroundPlane:
         """Return the plane of this frame."""
         expected = self._expected(frame)
         found = fit_plane(frame, expected) if self.config.fit else None
+        plane = expected
         if found is not None and self._is_plausible(found, expected):
             plane = _fused(expected, found)
-            self._noise_per_m = plane.noise_per_m
-        else:
-            plane = expected
+            self._noise_per_m, self._strange = plane.noise_per_m, 0
+        elif found is not None and _is_possible(found.plane, frame.mount):
+            self._strange += 1
+            if self._strange >= PERSISTENT:
+                plane, self._noise_per_m = found, found.noise_per_m
         self._deviation = plane.plane - plane_of_mount(frame.mount)
         self._cov, self._stamp_s = plane.cov, frame.stamp_s
         return plane
@@ -146,6 +155,14 @@ def fit_plane(frame: RgbdFrame, expected: GroundPlane) -> GroundPlane | None:
         band = INLIER_SIGMAS * noise
     cov = np.asarray(np.linalg.inv(information), dtype=np.float64)
     return GroundPlane(plane, (NEIGHBOURS * noise) ** 2 * cov, noise, True)
+
+
+def _is_possible(plane: Array, mount: CameraMount) -> bool:
+    """Say whether a camera that is meant to sit so could sit so over a plane."""
+    home, found = plane_of_mount(mount), plane
+    lengths = float(np.linalg.norm(home)), float(np.linalg.norm(found))
+    upright = float(home @ found) >= np.cos(MAX_TILT_RAD) * lengths[0] * lengths[1]
+    return upright and 1 / MAX_STRETCH <= lengths[0] / lengths[1] <= MAX_STRETCH
 
 
 def _fused(expected: GroundPlane, found: GroundPlane) -> GroundPlane:

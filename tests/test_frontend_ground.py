@@ -93,3 +93,22 @@ def test_the_mount_is_trusted_where_it_shall_be() -> None:
     leaning = frame_of(inverse_ground(replace(MOUNT, pitch_rad=0.16)))
     ground = GroundTracker(GroundConfig(fit=False)).update(leaning)
     assert ground.plane == pytest.approx(plane_of_mount(MOUNT))
+
+
+def test_a_mount_that_is_wrong_is_found_out() -> None:
+    tracker = GroundTracker(GroundConfig())
+    really = replace(MOUNT, pitch_rad=0.14 + 0.12, height_m=0.98)
+    frames = [frame_of(inverse_ground(really), 0.1 * k) for k in range(12)]
+    planes = [tracker.update(frame) for frame in frames]
+    assert not planes[0].measured
+    assert planes[0].mount(MOUNT).pitch_rad == pytest.approx(0.14)
+    assert planes[-1].mount(MOUNT).pitch_rad == pytest.approx(0.26, abs=1e-4)
+    assert planes[-1].mount(MOUNT).height_m == pytest.approx(0.98, abs=1e-3)
+
+
+def test_a_wall_never_becomes_the_ground() -> None:
+    tracker = GroundTracker(GroundConfig())
+    wall = np.full((480, 640), 0.5)
+    for k in range(20):
+        ground = tracker.update(frame_of(wall, 0.1 * k))
+    assert not ground.measured
