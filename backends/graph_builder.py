@@ -6,7 +6,7 @@ from collections.abc import Container
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import B, V, X
+from gtsam.symbol_shorthand import B, L, V, X
 
 from conegraph.backends.factors import (
     KNOWN_MAP_SIGMAS,
@@ -24,20 +24,30 @@ from conegraph.backends.factors import (
 )
 from conegraph.backends.journal import Entry
 from conegraph.backends.motion import yaw_rate_bias_sigma
+from conegraph.backends.sensor_noise import transport_covariance
 from conegraph.config import Isam2Config, MotionConfig
-from conegraph.types import Array, ConeMap, Mask
+from conegraph.geometry import to_child
+from conegraph.types import Array, ConeMap, Mask, SensorModel
 
 Factors = list[gtsam.NonlinearFactor]
+
+PLAIN_D2 = 13.8
+"""Nearer sightings than this need no kernel; 0.999 of chi² at 2."""
 
 
 class GraphBuilder:
     """Makes the factors of an entry; the same entry gives the same factors."""
 
     def __init__(
-        self, config: Isam2Config, motion: MotionConfig, known: ConeMap | None
+        self,
+        config: Isam2Config,
+        motion: MotionConfig,
+        known: ConeMap | None,
+        sensor: SensorModel | None,
     ) -> None:
-        """Take noise, kernels and the given map."""
+        """Take noise, kernels and the given map; a sensor, if noise follows range."""
         self._config, self._motion, self._known = config, motion, known
+        self._sensor = sensor
         self._bias_sigma = yaw_rate_bias_sigma(motion)
 
     @property
@@ -85,17 +95,39 @@ class GraphBuilder:
         return factors + step
 
     def cones(self, entry: Entry) -> Factors:
-        """Return the kept sightings of an entry, in their order."""
-        frame, kept = entry.frame, entry.kept
-        return list(
-            cone_factors(
-                entry.k,
-                entry.cones,
-                frame.xy_m[kept],
-                frame.cov_m2[kept],
-                self._kernels(frame.vague[kept]),
-            )
-        )
+        """Return the kept sightings of an entry, in their order.
+
+        Cones found again after a drift were tested as a constellation and pull
+        without a kernel: one would see the drift as an outlier and let go.
+        """
+        kept = entry.kept
+        return self._sightings(entry, entry.frame.cov_m2[kept], entry.frame.vague[kept])
+
+    def cones_at(self, entry: Entry, values: gtsam.Values) -> Factors:
+        """Return the kept sightings with the noise that the values' ranges give.
+
+        When a frame comes, a new cone's range is known from that very measurement:
+        one that fell short looks surer than it is and would draw the map together.
+        Sightings that fit the values pull without a kernel, which would cost a
+        fiftieth of the accuracy.
+        """
+        if self._sensor is None or not entry.kept.any():
+            return self.cones(entry)
+        pose = pose_array(values.atPose2(X(entry.k)))
+        cones = np.array([values.atPoint2(L(c)) for c in entry.cones.tolist()])
+        xy_m, there_m = entry.frame.xy_m[entry.kept], to_child(pose, cones)
+        reported = entry.frame.reported_m2[entry.kept]
+        cov = transport_covariance(reported, xy_m, there_m, self._sensor)
+        z = xy_m - there_m
+        white = np.linalg.solve(cov, z[..., None])[..., 0]
+        return self._sightings(entry, cov, (z * white).sum(axis=1) <= PLAIN_D2)
+
+    def _sightings(self, entry: Entry, cov_m2: Array, plain: Mask) -> Factors:
+        xy_m = entry.frame.xy_m[entry.kept]
+        none = self._config.robust_kernel == "none"
+        width = self._config.robust_width
+        kernels = [None if none or fits else width for fits in plain.tolist()]
+        return list(cone_factors(entry.k, entry.cones, xy_m, cov_m2, kernels))
 
     def merges(self, entry: Entry, present: Container[int]) -> Factors:
         """Return what an entry says of cones that are one, if both are present."""
@@ -113,16 +145,6 @@ class GraphBuilder:
             pose = pose_array(values.atPose2(X(entry.k - 1)))
             bias = float(values.atVector(B(entry.segment))[0])
         return self.motion(entry, pose, bias)
-
-    def _kernels(self, vague: Mask) -> list[float | None]:
-        """Return each sighting's kernel width.
-
-        Cones found again after a drift were tested as a constellation and pull
-        without a kernel: one would see the drift as an outlier and let go.
-        """
-        plain = self._config.robust_kernel == "none"
-        width = self._config.robust_width
-        return [None if plain or found else width for found in vague.tolist()]
 
 
 def first_values(entry: Entry, *, has_bias: bool) -> gtsam.Values:

@@ -67,9 +67,11 @@ class Isam2Backend(Tracker):
         radius_m = self.sensor.max_range_m + graph.snapshot_margin_m
         self.mapping: Mapping
         if graph.mapping == "process":
-            self.mapping = ProcessMapping(graph, config.motion, known_map, radius_m)
+            self.mapping = ProcessMapping(
+                graph, config.motion, known_map, self._noise_model(), radius_m
+            )
         else:
-            mapper = Mapper(graph, config.motion, known_map)
+            mapper = Mapper(graph, config.motion, known_map, self._noise_model())
             self.mapping = InlineMapping(mapper, radius_m)
         self._frames = 0
         self._waiting: list[TrackedFrame] = []

@@ -41,7 +41,14 @@ from conegraph.backends.solver import (
 from conegraph.backends.tracked_frame import TrackedFrame
 from conegraph.config import Isam2Config, MotionConfig
 from conegraph.geometry import to_parent
-from conegraph.types import Array, ConeMap, IntArray, Retraction, Trajectory
+from conegraph.types import (
+    Array,
+    ConeMap,
+    IntArray,
+    Retraction,
+    SensorModel,
+    Trajectory,
+)
 
 log = logging.getLogger(__name__)
 
@@ -55,17 +62,30 @@ LONGEST_EXACT = 8000
 """Poses after which old ones are summed up even though no loop has closed."""
 
 POLISH_ROUNDS = 2
-"""Linearisations of odometry with a bias in a batch solution."""
+"""Batch solutions in a row: odometry with a bias is linearised, and the sensor's noise
+evaluated, where the one before ended."""
 
 
 class Mapper:
     """Feeds tracked frames into iSAM2, doubts them, and sums up what is settled."""
 
     def __init__(
-        self, config: Isam2Config, motion: MotionConfig, known: ConeMap | None = None
+        self,
+        config: Isam2Config,
+        motion: MotionConfig,
+        known: ConeMap | None = None,
+        sensor: SensorModel | None = None,
     ) -> None:
-        """Start with an empty graph, or with the cones of a known map."""
-        self._builder = GraphBuilder(config, motion, known)
+        """Start with an empty graph, or with the cones of a known map.
+
+        Args:
+            config: how the graph is solved.
+            motion: how the car moves.
+            known: cones of a given map.
+            sensor: what makes noise follow the range as the map settles; None
+                leaves it where the tracker predicted it.
+        """
+        self._builder = GraphBuilder(config, motion, known, sensor)
         self._bounded = config.bounded
         self.isam = new_isam()
         self.journal = Journal()
@@ -189,7 +209,7 @@ class Mapper:
             for factor in self._builder.motion_at(entry, values):
                 graph.add(factor)
             slot |= self._slots_of(entry, graph.size())
-            for factor in self._builder.cones(entry):
+            for factor in self._builder.cones_at(entry, values):
                 graph.add(factor)
             for factor in self._builder.merges(entry, present):
                 graph.add(factor)
@@ -199,7 +219,7 @@ class Mapper:
         self, base: Factors, entries: Sequence[Entry], values: gtsam.Values
     ) -> gtsam.Values:
         """Solve a graph in batch, starting from values that hold all its variables."""
-        for _ in range(POLISH_ROUNDS if self.has_bias else 1):
+        for _ in range(POLISH_ROUNDS):
             graph, _ = self._graph(base, entries, values)
             values = solve(graph, restricted(values, graph.keyVector()))
         return values

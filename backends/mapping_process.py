@@ -20,7 +20,7 @@ from conegraph.backends.mapper import Mapper
 from conegraph.backends.mapping import Mapped, Settled, map_frames, settle
 from conegraph.backends.tracked_frame import TrackedFrame
 from conegraph.config import Isam2Config, MotionConfig
-from conegraph.types import ConeMap
+from conegraph.types import ConeMap, SensorModel
 
 log = logging.getLogger(__name__)
 
@@ -39,6 +39,7 @@ class ProcessMapping:
         config: Isam2Config,
         motion: MotionConfig,
         known: ConeMap | None,
+        sensor: SensorModel | None,
         radius_m: float,
     ) -> None:
         """Start the process; it is ready when it first answers."""
@@ -46,7 +47,7 @@ class ProcessMapping:
         self._ours, theirs = context.Pipe()
         self._process = context.Process(
             target=_work,
-            args=(theirs, config, motion, known, radius_m),
+            args=(theirs, config, motion, known, sensor, radius_m),
             name="conegraph-mapper",
             daemon=True,
         )
@@ -116,13 +117,14 @@ def _work(
     config: Isam2Config,
     motion: MotionConfig,
     known: ConeMap | None,
+    sensor: SensorModel | None,
     radius_m: float,
 ) -> None:
     """Answer until the other end is closed or the work is settled."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(os, "nice"):
         os.nice(NICENESS)
-    mapper = Mapper(config, motion, known)
+    mapper = Mapper(config, motion, known, sensor)
     while True:
         try:
             item: Sequence[TrackedFrame] | bool = pipe.recv()

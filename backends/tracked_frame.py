@@ -21,6 +21,7 @@ class TrackedFrame:
         row: (k,) their rows in the frame as it passed the gate.
         xy_m: (k, 2) where they were seen, car frame.
         cov_m2: (k, 2, 2) sensor noise, at the predicted range.
+        reported_m2: (k, 2, 2) sensor noise as reported, at the measured range.
         vague: (k,) whether the cone was found again after its place had become
             vague: the pair was tested as part of a constellation.
         closure: whether these close a loop.
@@ -38,6 +39,7 @@ class TrackedFrame:
     row: IntArray
     xy_m: Array
     cov_m2: Array
+    reported_m2: Array
     vague: Mask
     closure: bool = False
     merged: tuple[tuple[int, int], ...] = ()

@@ -342,6 +342,7 @@ class Tracker:
             np.flatnonzero(sure).astype(np.int64),
             frame.xy_m[sure],
             noise + pairs.cluster.spread_m2[sure],
+            frame.cov_m2[sure] + pairs.cluster.spread_m2[sure],
             pairs.vague[sure],
             closure or self._recovery.jumped,
             merged,

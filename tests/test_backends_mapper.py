@@ -69,6 +69,7 @@ def frame(
         row=np.arange(n),
         xy_m=to_child(poses[k], CONES[index % len(CONES)]) if seen is None else seen,
         cov_m2=np.tile(SIGMA_M**2 * np.eye(2), (n, 1, 1)),
+        reported_m2=np.tile(SIGMA_M**2 * np.eye(2), (n, 1, 1)),
         vague=np.zeros(n, dtype=bool),
         closure=closure,
         merged=merged,

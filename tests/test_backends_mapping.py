@@ -72,6 +72,7 @@ def ring(laps: int, seed: int = 0) -> list[TrackedFrame]:
                 row=np.arange(len(ids)),
                 xy_m=seen[ids] + rng.normal(size=(len(ids), 2)) * SIGMA_M,
                 cov_m2=np.tile(SIGMA_M**2 * np.eye(2), (len(ids), 1, 1)),
+                reported_m2=np.tile(SIGMA_M**2 * np.eye(2), (len(ids), 1, 1)),
                 vague=np.zeros(len(ids), dtype=bool),
             )
         )
@@ -167,7 +168,7 @@ def wait_for(mapping: ProcessMapping) -> Mapped | None:
 def test_a_process_maps_the_same_as_its_parent_would() -> None:
     frames, config = ring(1)[:60], Isam2Config()
     inline = InlineMapping(Mapper(config, MOTION), 30.0)
-    process = ProcessMapping(config, MOTION, None, 30.0)
+    process = ProcessMapping(config, MOTION, None, None, 30.0)
     for at in range(0, len(frames), 20):
         batch = frames[at : at + 20]
         process.submit(batch)
@@ -189,7 +190,7 @@ def test_a_process_maps_the_same_as_its_parent_would() -> None:
 
 def test_a_killed_process_stops_nobody() -> None:
     frames = ring(1)[:40]
-    process = ProcessMapping(Isam2Config(), MOTION, None, 30.0)
+    process = ProcessMapping(Isam2Config(), MOTION, None, None, 30.0)
     process.submit(frames[:20])
     assert wait_for(process) is not None
     os.kill(process.pid, signal.SIGKILL)
