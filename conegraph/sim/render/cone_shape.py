@@ -12,9 +12,9 @@ Rgb = tuple[float, float, float]
 
 WHITE: Rgb = (238.0, 238.0, 232.0)
 BLACK: Rgb = (28.0, 28.0, 30.0)
-BLUE: Rgb = (26.0, 92.0, 188.0)
-YELLOW: Rgb = (246.0, 202.0, 26.0)
-ORANGE: Rgb = (236.0, 72.0, 36.0)
+BLUE: Rgb = (40.0, 99.0, 186.0)
+YELLOW: Rgb = (240.0, 199.0, 52.0)
+ORANGE: Rgb = (230.0, 54.0, 54.0)
 
 PLATE_M = 0.02
 """Thickness of the square foot."""

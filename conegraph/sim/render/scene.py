@@ -100,7 +100,9 @@ def _worn(colors: Array, rng: np.random.Generator) -> Array:
     """Return colours (N, 3) as bought in different years: hue, depth, brightness."""
     hsv = cv2.cvtColor((colors / 255).astype(np.float32)[None], cv2.COLOR_RGB2HSV)[0]
     count = len(colors)
-    hue = hsv[:, 0] + rng.normal(0, 4.0, count)
+    # Reds fade to pink or to orange; real photographs spread as much.
+    red = np.cos(np.radians(hsv[:, 0])) > 0.9
+    hue = hsv[:, 0] + np.where(red, 6.0, 4.0) * rng.standard_normal(count)
     depth = hsv[:, 1] * rng.uniform(0.82, 1.05, count)
     value = hsv[:, 2] * rng.uniform(0.85, 1.05, count)
     mixed = np.column_stack([hue % 360, np.clip(depth, 0, 1), np.clip(value, 0, 1)])
