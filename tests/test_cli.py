@@ -79,6 +79,7 @@ def test_only_what_works_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
         "calibrate",
         "record",
         "simulate",
+        "track",
         "tune",
         "view",
         "bench",
