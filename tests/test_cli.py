@@ -80,6 +80,7 @@ def test_only_what_works_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
         "record",
         "simulate",
         "track",
+        "track",
         "tune",
         "view",
         "bench",
