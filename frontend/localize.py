@@ -32,6 +32,8 @@ SURE_DEPTH = 0.1
 DOUBT_SHARE = 0.5
 EVEN_PX, BENT_SHARE = 0.5, 0.5
 """How far a foot's middle may be off the axis, and the share of more that is doubt."""
+BEHIND_AT_M = 15.0
+"""Range that the configuration's error by cones behind speaks of."""
 CROWDED_EDGE_PX, CROWDED_AXIS_M = 1.5, 0.03
 """Errors of the foot's row and of the axis where another cone touches."""
 CUT_SIGMA_M = 0.06
@@ -274,6 +276,7 @@ def _across(
     left, right = found.box_px[:, 0], found.box_px[:, 2]
     cut = (left <= 0.5) | (right >= frame.camera.width_px - 1.5)
     clear = np.hypot(pixel_m * config.center_sigma_px, config.axis_sigma_m)
+    clear = np.hypot(clear, config.behind_sigma_m * (range_m / BEHIND_AT_M) ** 2)
     clear = np.hypot(clear, np.where(found.crowded, CROWDED_AXIS_M, 0.0))
     lopsided_px = np.maximum(np.abs(0.5 * (left + right) - middle) - EVEN_PX, 0.0)
     return np.where(

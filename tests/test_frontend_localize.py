@@ -90,7 +90,10 @@ def test_the_range_is_as_uncertain_as_the_row_of_the_foot() -> None:
     row_m = edge_m**2 * config.edge_sigma_px / (LENS.fy_px * MOUNT.height_m)
     expected = np.hypot(row_m * np.cos(MOUNT.pitch_rad), config.foot_sigma_m)
     assert found.range_sigma_m[0] == pytest.approx(expected, rel=0.02)
-    across_m = np.hypot(12.0 * config.center_sigma_px / 465, config.axis_sigma_m)
+    pixel_m, behind_m = 12.0 / 465, config.behind_sigma_m * (12.0 / 15.0) ** 2
+    across_m = np.linalg.norm(
+        [pixel_m * config.center_sigma_px, config.axis_sigma_m, behind_m]
+    )
     assert np.sqrt(found.cov_m2[0, 1, 1]) == pytest.approx(across_m, rel=0.05)
 
 

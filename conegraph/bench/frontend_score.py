@@ -119,7 +119,9 @@ def pooled(scores: Iterable[Score]) -> Score:
 def match_boxes(found_px: Array, true_px: Array) -> IntArray:
     """Return pairs (K, 2) of rows of boxes (N, 4) and (T, 4), each used once.
 
-    The sum of overlaps is the greatest possible; a pair overlaps by `MIN_OVERLAP`.
+    A pair overlaps by `MIN_OVERLAP`; the sum of overlaps, less how far apart the lower
+    edges are in heights, is the greatest possible: of two cones behind one another a
+    detection is of the one on whose foot it stands.
     """
     if not (len(found_px) and len(true_px)):
         return np.zeros((0, 2), dtype=np.int64)
@@ -128,9 +130,11 @@ def match_boxes(found_px: Array, true_px: Array) -> IntArray:
     common = np.clip(high - low, 0.0, None).prod(axis=2)
     area = [np.prod(box[:, 2:] - box[:, :2], axis=1) for box in (found_px, true_px)]
     overlap = common / (area[0][:, None] + area[1][None, :] - common)
-    overlap = np.where(overlap >= MIN_OVERLAP, overlap, 0.0)
-    rows, columns = linear_sum_assignment(-overlap)
-    kept = overlap[rows, columns] > 0
+    height = true_px[:, 3] - true_px[:, 1]
+    off = np.abs(found_px[:, None, 3] - true_px[None, :, 3]) / height
+    likeness = np.where(overlap >= MIN_OVERLAP, np.maximum(overlap - off, 1e-3), 0.0)
+    rows, columns = linear_sum_assignment(-likeness)
+    kept = likeness[rows, columns] > 0
     return np.column_stack([rows[kept], columns[kept]]).astype(np.int64)
 
 
