@@ -18,13 +18,13 @@ from conegraph.types import Array, IntArray, Mask
 
 _NEIGHBOURS = 6
 """Nearest cones of a side that may follow a cone."""
-_GATE_NEIGHBOURS = 8
+_GATE_NEIGHBOURS = 10
 _BYSTANDERS = 5
 """Nearest cones of each corner that may stand inside a triangle."""
 _STEP_M = 7.5
 BRIDGE_M = 17.0
 """Farthest next cone, over a gap where two or three are missing."""
-_GATE_LANES = 2.5
+_GATE_LANES = 3.6
 """Longest gate in lane widths: it slants while the other side bridges a gap."""
 _LANE_BOUNDS_M = (0.4, 7.0)
 _USUAL_LANE_M = 3.5
