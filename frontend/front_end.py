@@ -91,7 +91,7 @@ class RgbdFrontEnd:
 
     def _checked(self, frame: RgbdFrame) -> RgbdFrame:
         """Return the frame without depth where its depth cannot be true."""
-        coarse = frame.depth_m[::8, ::8]
+        coarse = frame.depth_m[::16, ::16]
         some = coarse[(coarse > 0) & np.isfinite(coarse)]
         if not len(some):
             reason = "frame without depth"

@@ -18,7 +18,7 @@ from conegraph.frontend.camera import mount_on_plane, plane_of_mount, ray_grid
 from conegraph.types import Array
 
 GRID_STEP_PX = 8
-ROUNDS = 4
+ROUNDS = 3
 MIN_POINTS = 60
 PERSISTENT = 8
 MAX_TILT_RAD, MAX_STRETCH = 0.2, 1.5
@@ -31,6 +31,8 @@ MAX_DEPTH_M = 12.0
 """Where the ground is expected beyond this it is left out: sensors drop what they
 measure to be too far, and of far points the nearer half would be left."""
 NOISE_FLOOR_PER_M = 1e-4
+MOST_NOISE_PER_M = 0.05
+"""Depth that scatters more than this shows nothing."""
 NOISE_PRIOR_PER_M = 0.005
 """Inverse-depth noise that is taken for granted while none can be measured."""
 NEIGHBOURS = 1.5
@@ -153,6 +155,8 @@ def fit_plane(frame: RgbdFrame, expected: GroundPlane) -> GroundPlane | None:
         residual = y[near] - kept @ plane
         noise = max(1.4826 * float(np.median(np.abs(residual))), NOISE_FLOOR_PER_M)
         band = INLIER_SIGMAS * noise
+    if noise > MOST_NOISE_PER_M:
+        return None
     cov = np.asarray(np.linalg.inv(information), dtype=np.float64)
     return GroundPlane(plane, (NEIGHBOURS * noise) ** 2 * cov, noise, True)
 

@@ -19,7 +19,7 @@ from conegraph.frontend.scale import (
     CONE_HEIGHT_M,
     GroundScale,
 )
-from conegraph.frontend.shape import axis_points, cone_likeness
+from conegraph.frontend.shape import axis_points, cone_likeness, is_top_heavy
 from conegraph.frontend.surround import own_colours, side_contrast
 from conegraph.frontend.towers import split_towers
 from conegraph.types import N_CLASSES, Array, ConeClass, IntArray, Mask
@@ -79,6 +79,7 @@ class HsvDetector:
         stands_out = np.clip(contrast / config.min_contrast - 0.5, 0.0, 1.0)
         score = cone_likeness(box, uv, owner) * stands_out
         axis = axis_points(box, uv, owner)
+        crowded |= is_top_heavy(box, uv, owner)
         found = Candidates(box, prob, score, uv, owner, axis, crowded)
         return found.subset((score > 0) & enough)
 

@@ -46,7 +46,7 @@ class GroundScale:
     def first_row(self, max_range_m: float) -> int:
         """Return the row above which no cone within a range can be seen."""
         lens = self.camera
-        rows = np.arange(0, lens.height_px, 4.0)
+        rows = np.arange(0, lens.height_px, 8.0)
         tops = []
         for column in (0.0, lens.width_px / 2, lens.width_px - 1.0):
             uv = np.column_stack([np.full_like(rows, column), rows])
@@ -56,4 +56,4 @@ class GroundScale:
                 row = rows[foot][0]
                 height_px = self.px_per_m(np.array([[column, row]]))[0] * BIG_HEIGHT_M
                 tops.append(row - height_px)
-        return int(np.clip(min(tops, default=0.0) - 8.0, 0, lens.height_px - 1))
+        return int(np.clip(min(tops, default=0.0) - 12.0, 0, lens.height_px - 1))

@@ -11,6 +11,8 @@ MIN_SHAPE_PX = 7.0
 RATIO, RATIO_SPREAD = 1.35, 0.40
 """Height over width of a cone's box, and how its logarithm spreads."""
 LEAST = 0.05
+TOP_HEAVY = 1.1
+"""The upper third of a cone alone is never so much wider than the middle one."""
 BODY_LEVEL = 0.7
 """The foot begins this far down a cone's box."""
 
@@ -52,18 +54,38 @@ def axis_points(box_px: Array, pixel_uv: IntArray, owner: IntArray) -> Array:
     return np.column_stack(points)
 
 
+def is_top_heavy(box_px: Array, pixel_uv: IntArray, owner: IntArray) -> Mask:
+    """Say which (N,) are wider above than in the middle: another cone sticks there."""
+    high, body, _ = _spreads(box_px, pixel_uv, owner)
+    return np.asarray((body > 0) & (high > TOP_HEAVY * body))
+
+
 def _taper(box_px: Array, pixel_uv: IntArray, owner: IntArray) -> Array:
-    """Return the spread of the lowest third over that of the upper one, 1 for a bar."""
+    """Return the spread of the lowest third over that of the others, 1 for a bar.
+
+    The narrower of the others counts: to the upper one, the foot of a cone behind may
+    stick.
+    """
+    high, body, low = _spreads(box_px, pixel_uv, owner)
+    # A stripe may leave no pixels between.
+    body = np.where(body > 0, body, high)
+    ratio: Array = low / np.maximum(np.minimum(high, body), 0.25)
+    return ratio
+
+
+def _spreads(
+    box_px: Array, pixel_uv: IntArray, owner: IntArray
+) -> tuple[Array, Array, Array]:
+    """Return how far from the axis (N,) the upper, middle and lower third spread."""
     n = len(box_px)
     count = np.bincount(owner, minlength=n)
     middle = np.bincount(owner, weights=pixel_uv[:, 0], minlength=n) / count
     height = box_px[:, 3] - box_px[:, 1]
     level = (pixel_uv[:, 1] - box_px[owner, 1]) / height[owner]
     spread = np.abs(pixel_uv[:, 0] - middle[owner]) + 0.25
-    low = _mean(spread, owner, level > 2 / 3, n)
-    high = _mean(spread, owner, level < 1 / 3, n)
-    ratio: Array = low / np.maximum(high, 0.25)
-    return ratio
+    third = np.minimum((3 * level).astype(np.int64), 2)
+    high, body, low = (_mean(spread, owner, third == k, n) for k in range(3))
+    return high, body, low
 
 
 def _mean(value: Array, owner: IntArray, use: Mask, n: int) -> Array:

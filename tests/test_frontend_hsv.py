@@ -11,6 +11,7 @@ from conegraph.bench.frontend_photos import MIN_HEIGHT_PX, read_photos
 from conegraph.config import HsvConfig
 from conegraph.frontend.colours import colour_of_pixels, in_hue_range
 from conegraph.frontend.hsv import HsvDetector, colours_of_boxes
+from conegraph.frontend.shape import cone_likeness, is_top_heavy
 from conegraph.types import ConeClass
 
 ASPHALT = (105, 105, 108)
@@ -132,3 +133,15 @@ def test_classes_of_real_cones(data_dir: Path) -> None:
         count += int(tall.sum())
     assert count > 300
     assert right / count >= 0.95
+
+
+def test_a_foot_that_sticks_to_a_top_is_noticed() -> None:
+    triangle = [(u, v) for v in range(18) for u in range(10 - v // 2, 11 + v // 2)]
+    foot = [(u, v) for v in range(3) for u in range(2, 19)]
+    owner = np.repeat([0, 1], [len(triangle), len(triangle) + len(foot)])
+    pixels = np.array([*triangle, *triangle, *foot])
+    box = np.array([[1.5, -0.5, 18.5, 17.5], [1.5, -0.5, 18.5, 17.5]])
+    assert is_top_heavy(box, pixels, owner).tolist() == [False, True]
+    likeness = cone_likeness(box, pixels, owner)
+    assert likeness[0] > 0.5
+    assert likeness[1] > 0.0
