@@ -157,8 +157,13 @@ class LandmarkFilter:
         return H.reshape(2 * k, 3 + 2 * k), columns, h
 
     def update_cones(
-        self, slot: IntArray, xy_m: Array, cov_m2: Array, model: SensorModel | None
-    ) -> None:
+        self,
+        slot: IntArray,
+        xy_m: Array,
+        cov_m2: Array,
+        model: SensorModel | None,
+        doubt: Array | None = None,
+    ) -> Innovation:
         """Correct everything with the cones matched in one frame, jointly.
 
         ``z = y - h, Z = H P H' + R, K = P H' Z^-1, x += K z, P -= K Z K'``
@@ -171,18 +176,35 @@ class LandmarkFilter:
             xy_m: (k, 2) where they were seen, car frame.
             cov_m2: (k, 2, 2) their reported covariances.
             model: sensor model, or None to use the covariances as reported.
+            doubt: (6, 6) noise that is first added to the car if the cones do not
+                fit together: a NIS above ``dof + 4 sqrt(2 dof)``.
+
+        Returns:
+            The innovation, before any doubt was added.
         """
         H, columns, h = self._jacobian(slot)
         R = cov_m2
         if model is not None:
             R = transport_covariance(cov_m2, xy_m, h, model)
+        z = (xy_m - h).ravel()
         PHt = self._P[:, columns] @ H.T
-        self._update(PHt, _add_blocks(H @ PHt[columns], R), (xy_m - h).ravel())
+        Z = _add_blocks(H @ PHt[columns], R)
+        factor = cho_factor(Z, lower=True)
+        seen = Innovation(float(z @ cho_solve(factor, z)), len(z))
+        surprising = seen.nis > seen.dof + 4.0 * np.sqrt(2.0 * seen.dof)
+        if surprising and doubt is not None:
+            self.inflate(doubt)
+            PHt = self._P[:, columns] @ H.T
+            factor = cho_factor(_add_blocks(H @ PHt[columns], R), lower=True)
+        self._apply(PHt, factor, z)
+        return seen
 
     def _update(self, PHt: Array, Z: Array, z: Array) -> None:
         """Apply the Kalman gain ``P H' Z^-1`` to a residual z."""
+        self._apply(PHt, cho_factor(Z, lower=True), z)
+
+    def _apply(self, PHt: Array, factor: tuple[Array, bool], z: Array) -> None:
         prior = self._x.copy()
-        factor = cho_factor(Z, lower=True)
         self._x = prior + PHt @ cho_solve(factor, z)
         self._x[2] = wrap_angle(self._x[2])
         self._settle(prior, solve_triangular(factor[0], PHt.T, lower=True))

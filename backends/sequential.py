@@ -38,10 +38,11 @@ def pair_sequentially(config: AssociationConfig, problem: Problem) -> Pairing:
     What is left over is paired together, if it can be: see `_recognise`.
     """
     state = _advance(config, problem, PairingState.start(problem))
-    state = _recognise(config, problem, state, vague=False)
-    state = _recognise(config, problem, state, vague=True)
-    state = settle_clusters(config, problem, state)
-    state = _advance(config, problem, state)
+    if (state.column < 0).any():
+        state = _recognise(config, problem, state, vague=False)
+        state = _recognise(config, problem, state, vague=True)
+        state = settle_clusters(config, problem, state)
+        state = _advance(config, problem, state)
     return conclude(config, problem, state)
 
 
@@ -63,7 +64,7 @@ def _advance(
         if len(row) == 0:
             break
         order = np.argsort(-gain[row, col], kind="stable")
-        limit = 1 if rounds < 3 else 2 ** (rounds - 2)
+        limit = 1 if rounds < 2 else 2 ** (rounds - 1)
         row, col = _one_to_one(row[order], col[order], limit)
         state = accept(problem, state, row, col, d2, gain)
     return state
@@ -119,13 +120,14 @@ def _clustered(free: Mask, h: Array) -> Mask:
 def _beats_rivals(weighed: Array, margin: float) -> Mask:
     """(m, k) whether a pair is better than any other of its row and column."""
     wins = np.ones(weighed.shape, dtype=bool)
-    for axis in (0, 1):
-        if weighed.shape[axis] < 2:
-            continue
-        two = np.moveaxis(np.partition(weighed, 1, axis=axis), axis, 0)
-        best, second = np.expand_dims(two[0], axis), np.expand_dims(two[1], axis)
-        rival = np.where(weighed == best, second, best)
-        with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore"):
+        if len(weighed) > 1:
+            two = np.partition(weighed, 1, axis=0)
+            rival = np.where(weighed == two[:1], two[1:2], two[:1])
+            wins &= rival - weighed >= margin
+        if weighed.shape[1] > 1:
+            two = np.partition(weighed, 1, axis=1)
+            rival = np.where(weighed == two[:, :1], two[:, 1:2], two[:, :1])
             wins &= rival - weighed >= margin
     return wins
 

@@ -245,27 +245,20 @@ class Tracker:
             return Innovation(float("nan"), 0)
         slot = pairs.slot[row]
         cov = frame.cov_m2[row]
+        nearest = self._config.association.method == "nearest"
         if self._config.association.method == "known":
             # Known ids are never refused; a gross error among them must not pull hard.
             excess = np.maximum(pairs.d2[row] / self._config.association.gate_d2, 1.0)
             cov = cov * excess[:, None, None]
         cov = cov + pairs.cluster.spread_m2[row]
+        doubt = None if nearest else SURPRISE * noise
         try:
-            return self._correct_checked(frame.xy_m[row], cov, slot, noise)
+            return self.map.filter.update_cones(
+                slot, frame.xy_m[row], cov, self._noise_model(), doubt
+            )
         except np.linalg.LinAlgError:
             self.gate.rejected["frame: too uncertain to correct with"] += 1
             return Innovation(float("nan"), 0)
-
-    def _correct_checked(
-        self, xy_m: Array, cov_m2: Array, slot: IntArray, noise: Array
-    ) -> Innovation:
-        """Correct the filter; a jointly improbable frame first adds to its doubt."""
-        seen = self.map.filter.innovation(slot, xy_m, cov_m2, self._noise_model())
-        surprising = seen.nis > seen.dof + 4.0 * np.sqrt(2.0 * seen.dof)
-        if surprising and self._config.association.method != "nearest":
-            self.map.filter.inflate(SURPRISE * noise)
-        self._correct(xy_m, cov_m2, slot)
-        return seen
 
     def _noise_model(self) -> SensorModel | None:
         """Return the model that moves noise to the predicted range, None for none."""

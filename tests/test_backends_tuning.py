@@ -102,8 +102,9 @@ def test_the_tuned_innovations_are_white_and_as_with_the_true_noise(
         assert after is not None
         true = rows[:, 0].sum() / rows[:, 1].sum()
         assert abs(np.log(before.nis_per_dof / true)) > 0.3
-        # NIS goes with the square of sigma, which is known to 2.5 %.
-        assert after.nis_per_dof == pytest.approx(true, rel=0.1)
+        # NIS goes with the square of sigma, which is known to 2.5 %; without
+        # odometry the car's accelerations, known to a quarter, take as much again.
+        assert after.nis_per_dof == pytest.approx(true, rel=0.1 if odometry else 0.2)
         assert abs(after.correlation) < 4.0 / np.sqrt(800.0)
     assert result.after.overconfident_frames == 0
     assert result.holds
