@@ -81,7 +81,7 @@ class HsvDetector:
         axis = axis_points(box, uv, owner)
         crowded |= is_top_heavy(box, uv, owner)
         found = Candidates(box, prob, score, uv, owner, axis, crowded)
-        return found.subset((score > 0) & enough)
+        return found.subset((score >= config.min_score) & enough)
 
     def _is_vivid(self, hsv: Picture, uv: IntArray) -> Mask:
         saturation, value = hsv[uv[:, 1], uv[:, 0], 1:].astype(np.int64).T

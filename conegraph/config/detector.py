@@ -42,6 +42,8 @@ class HsvConfig(Section):
     share of itself, squared; half as much is none, twice as much is plenty."""
     min_pixels: Annotated[int, Field(ge=1)] = 8
     """Coloured pixels that a cone must have."""
+    min_score: Annotated[float, Field(gt=0, le=1)] = 0.1
+    """How much like a cone's, 0 to 1, an outline must be."""
     min_range_m: NonNegative = 0.5
     """Nearer cones are not reported."""
     max_range_m: Positive = 20.0
@@ -135,18 +137,18 @@ class GroundConfig(Section):
 class LocalizationConfig(Section):
     """From a detection in the picture to a position with its covariance."""
 
-    edge_sigma_px: Positive = 0.155
+    edge_sigma_px: Positive = 0.142
     """Error of the row at which a cone meets the ground."""
-    center_sigma_px: Positive = 0.1
+    center_sigma_px: Positive = 0.09
     """Error of the column of a cone's axis."""
-    axis_sigma_m: Positive = 0.0012
+    axis_sigma_m: Positive = 0.0011
     """Error of the axis up close, where pixels are small."""
     behind_sigma_m: NonNegative = 0.005
     """Error of the axis at 15 m by cones that peep out behind; it grows with the square
     of the range, as ever more of them do."""
     depth_correlation_px: Positive = 5.0
     """Side of the square of pixels whose depths err together."""
-    foot_sigma_m: Positive = 0.01
+    foot_sigma_m: Positive = 0.0092
     """How far the foot's near edge strays from where a foot at a middling angle has
     it."""
     gate_d2: Positive = 7.0
