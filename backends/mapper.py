@@ -279,8 +279,8 @@ class Mapper:
     def _review(self, begin: int) -> list[Retraction]:
         """Take back what does not fit: fresh closures, ripe loops, ripe sightings.
 
-        What iSAM2 has just closed it has not yet settled: before anything is held
-        against a sighting, the window is solved to convergence.
+        What iSAM2 has just closed it has not yet settled: then, and before anything
+        is held against a sighting, the window is solved to convergence.
 
         Args:
             begin: the first frame of this update.
@@ -297,7 +297,8 @@ class Mapper:
             end += 1
         doubted = entries[max(self._reviewed, self._first_exact) : end]
         taken: list[Retraction] = []
-        if any(self._is_off(loop) for loop in loops) or self._suspects(doubted):
+        off = any(self._is_off(loop) for loop in loops)
+        if closing or off or self._suspects(doubted):
             self._start_anew(self._solved_window())
             taken = [r for loop in loops for r in self._doubt_loop(loop)]
             for entry in doubted:

@@ -105,7 +105,7 @@ def test_the_tuned_innovations_are_white_and_as_with_the_true_noise(
         # NIS goes with the square of sigma, which is known to 2.5 %; without
         # odometry the car's accelerations, known to a quarter, take as much again.
         assert after.nis_per_dof == pytest.approx(true, rel=0.1 if odometry else 0.2)
-        assert abs(after.correlation) < 4.0 / np.sqrt(800.0)
+    assert abs(result.after.correlation) < 4.0 / np.sqrt(800.0)
     assert result.after.overconfident_frames == 0
     assert result.holds
     worse = replace(result.after, overconfident_frames=81)
