@@ -137,13 +137,13 @@ class GroundConfig(Section):
 class LocalizationConfig(Section):
     """From a detection in the picture to a position with its covariance."""
 
-    edge_sigma_px: Positive = 0.142
+    edge_sigma_px: Positive = 0.132
     """Error of the row at which a cone meets the ground."""
     center_sigma_px: Positive = 0.09
     """Error of the column of a cone's axis."""
     axis_sigma_m: Positive = 0.0011
     """Error of the axis up close, where pixels are small."""
-    behind_sigma_m: NonNegative = 0.005
+    behind_sigma_m: NonNegative = 0.004
     """Error of the axis at 15 m by cones that peep out behind; it grows with the square
     of the range, as ever more of them do."""
     depth_correlation_px: Positive = 5.0
