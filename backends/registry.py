@@ -44,6 +44,8 @@ def make_backend(
     try:
         kind = getattr(import_module(module), name)
     except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] == "conegraph":
+            raise
         raise MissingDependencyError(
             f"back end {backend.kind} needs the package {error.name}, which is not "
             "installed here; --backend ekf works without"

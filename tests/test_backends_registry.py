@@ -82,6 +82,14 @@ def test_a_missing_solver_is_one_clear_error(monkeypatch: pytest.MonkeyPatch) ->
     make_backend(EkfConfig())
 
 
+def test_a_missing_module_of_our_own_is_not_called_a_package(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(BACKENDS, "ekf", "conegraph.backends.nowhere:EkfBackend")
+    with pytest.raises(ModuleNotFoundError, match="conegraph.backends.nowhere"):
+        make_backend(EkfConfig())
+
+
 def test_back_ends_that_do_not_exist_are_config_errors() -> None:
     with pytest.raises(ConfigError, match="gtsam"):
         load_config(backend="gtsam")

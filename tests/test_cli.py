@@ -80,7 +80,6 @@ def test_only_what_works_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
         "record",
         "simulate",
         "track",
-        "track",
         "tune",
         "view",
         "bench",

@@ -10,7 +10,7 @@ from conegraph.cli.bench_relocalisation import relocalisation
 from conegraph.cli.bench_track import track
 
 app = typer.Typer(
-    help="Measure: each verb prints its figures beside what they should be.",
+    help="Measure, and print each figure beside what it should be.",
     no_args_is_help=True,
 )
 app.command("backends")(backends)

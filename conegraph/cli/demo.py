@@ -11,5 +11,5 @@ DRIVE = "sim:random:7?laps=2&seed=1&sensor=rgbd&rate=10&light=bright&odometry=on
 
 
 def demo(out: OutOption = Path("out/demo"), view: ViewOption = False) -> None:
-    """Render two laps, find the cones, run both back ends, and judge them."""
+    """Render two laps, find cones, run both back ends and judge them."""
     compare(out, DRIVE, DEFAULT_BACKENDS, view=view, save_rrd=True)
