@@ -93,6 +93,19 @@ def test_every_figure_has_its_verdict() -> None:
     assert figures["class right"].values["value"] == pytest.approx(2 / 3)
 
 
+def test_of_lights_that_were_not_chosen_nothing_is_said() -> None:
+    measured = Measured({"dusk": SCORE}, pooled([]), (5.0,), (), pooled([]))
+    figures = {f.name: f for f in front_end_figures(measured)}
+    for name in (
+        "times the thesis profile's speed",
+        "recall at 0 to 8 m, normal light",
+        "precision, 1 degree of pitch",
+    ):
+        assert (figures[name].measured, figures[name].met) == ("not measured", None)
+    assert figures["class right"].values["value"] == pytest.approx(2 / 3)
+    assert figures["frames/s on one core, 640x480"].met
+
+
 def test_photographs_and_their_labels(tmp_path: Path) -> None:
     import cv2
 

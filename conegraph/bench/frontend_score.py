@@ -78,6 +78,18 @@ class Score:
         return np.asarray(self.whole & inside)
 
 
+NOTHING = Score(
+    np.zeros(0),
+    np.zeros(0, dtype=bool),
+    np.zeros((0, 2)),
+    np.zeros((0, 2, 2)),
+    np.zeros(0),
+    np.zeros(0, dtype=bool),
+    np.zeros(0, dtype=bool),
+    0,
+)
+
+
 def score_frame(frame: RgbdFrame, truth: FrameTruth, seen: Detections) -> Score:
     """Match boxes one to one and compare what stands where."""
     pairs = match_boxes(seen.box_px, truth.box_px[truth.visible_px > 0])
@@ -103,7 +115,7 @@ def score_frame(frame: RgbdFrame, truth: FrameTruth, seen: Detections) -> Score:
 
 def pooled(scores: Iterable[Score]) -> Score:
     """Return the scores of many pictures as one."""
-    every = list(scores)
+    every = [NOTHING, *scores]
     return Score(
         np.concatenate([s.range_m for s in every]),
         np.concatenate([s.found for s in every]),
