@@ -10,9 +10,6 @@ from conegraph.backends.pairing import (
     ROLE_INDEX,
     FramePairer,
     Pairs,
-    beside_ambiguous,
-    in_view,
-    speaks,
 )
 from conegraph.config import Config
 from conegraph.types import ConeClass, ConeObservations, IntArray, Mask, SensorModel
@@ -25,6 +22,9 @@ CROWDED_M = 25.0
 
 EDGE_SHARE = 0.95
 """Share of the sensor's range up to which a cone's own past says what a miss means."""
+
+BESIDE_M = 1.0
+"""An ambiguous observation nearer than this may have been the cone."""
 
 TRUST = 0.65
 """Share of a detection probability that is counted: misses come in runs."""
@@ -53,12 +53,12 @@ class MapCleaner:
         blind = self._sensor.detection_probability == 0.0
         if not config.landmarks.prune or known or blind:
             return none
-        if len(pairs.visible) == 0 or not speaks(pairs):
+        if len(pairs.visible) == 0 or not _speaks(pairs):
             return none
         slot = pairs.visible
-        slot = slot[in_view(map_, self._sensor, slot, EDGE_SHARE * self._reach_m)]
+        slot = slot[_in_view(map_, self._sensor, slot, EDGE_SHARE * self._reach_m)]
         seen = np.isin(slot, pairs.slot)
-        perhaps = beside_ambiguous(map_, frame, pairs, slot[~seen])
+        perhaps = _beside_ambiguous(map_, frame, pairs, slot[~seen])
         self._weigh_places(map_, pairs, slot[~seen], perhaps)
         missed = slot[~seen][perhaps < 0]
         told = np.concatenate([slot[seen], missed])
@@ -125,3 +125,33 @@ class MapCleaner:
         big = shown & (prob.argmax(axis=1) == ConeClass.BIG_ORANGE)
         start = shown & (self._pairer.roles(prob) == ROLE_INDEX["start"])
         laps.locate_gate(xy[big if big.sum() >= 2 else start])
+
+
+def _speaks(pairs: Pairs) -> bool:
+    """Whether so many cones matched that a missing one means something."""
+    settled = pairs.matched | pairs.ambiguous
+    return bool(pairs.matched.sum() >= 0.5 * max(1, settled.sum()))
+
+
+def _in_view(
+    map_: LocalMap, sensor: SensorModel, slot: IntArray, reach_m: float
+) -> Mask:
+    """(k,) whether cones lie well inside the sensor's view and reach."""
+    xy = map_.filter.cones_in_car_frame()[slot]
+    range_m = np.hypot(xy[:, 0], xy[:, 1])
+    bearing = np.abs(np.arctan2(xy[:, 1], xy[:, 0]))
+    inside: Mask = (range_m < reach_m) & (range_m > sensor.min_range_m + 1.0)
+    return inside & (bearing < sensor.half_fov_rad - 0.06)
+
+
+def _beside_ambiguous(
+    map_: LocalMap, frame: ConeObservations, pairs: Pairs, slot: IntArray
+) -> IntArray:
+    """(k,) the ambiguous observation within a metre of each cone, -1 for none."""
+    row = np.flatnonzero(pairs.ambiguous)
+    if len(row) == 0:
+        return np.full(len(slot), -1, dtype=np.int64)
+    xy = map_.filter.cones_in_car_frame()[slot]
+    gap = np.linalg.norm(xy[:, None] - frame.xy_m[row], axis=2)
+    near = gap.min(axis=1) <= BESIDE_M
+    return np.where(near, row[gap.argmin(axis=1)], -1).astype(np.int64)

@@ -46,9 +46,6 @@ RESCUE = 24.0
 MAX_DOUBLINGS = 8
 """How often that factor doubles at most."""
 
-BESIDE_M = 1.0
-"""An ambiguous observation nearer than this may have been the cone."""
-
 ROLE_INDEX = {"left": 0, "right": 1, "start": 2, "none": 3}
 
 
@@ -120,8 +117,8 @@ class FramePairer:
         If fewer than `FEW_MATCHES` of the cones in the known area match, the car
         may have moved more than its model allows: with `noise` (6, 6), the process
         noise since the last match, added `RESCUE` times, doubled for every frame in
-        a row that failed, the pairing is tried again. It is kept if more match, and
-        then so is the added noise.
+        a row that failed, the pairing is tried again. It is kept if at least two more
+        match, and then so is the added noise.
         """
         if len(frame):
             self._seen += (len(frame) - self._seen) / MEMORY
@@ -258,33 +255,3 @@ class FramePairer:
             vague,
             cluster,
         )
-
-
-def speaks(pairs: Pairs) -> bool:
-    """Whether so many cones matched that a missing one means something."""
-    settled = pairs.matched | pairs.ambiguous
-    return bool(pairs.matched.sum() >= 0.5 * max(1, settled.sum()))
-
-
-def in_view(
-    map_: LocalMap, sensor: SensorModel, slot: IntArray, reach_m: float
-) -> Mask:
-    """(k,) whether cones lie well inside the sensor's view and reach."""
-    xy = map_.filter.cones_in_car_frame()[slot]
-    range_m = np.hypot(xy[:, 0], xy[:, 1])
-    bearing = np.abs(np.arctan2(xy[:, 1], xy[:, 0]))
-    inside: Mask = (range_m < reach_m) & (range_m > sensor.min_range_m + 1.0)
-    return inside & (bearing < sensor.half_fov_rad - 0.06)
-
-
-def beside_ambiguous(
-    map_: LocalMap, frame: ConeObservations, pairs: Pairs, slot: IntArray
-) -> IntArray:
-    """(k,) the ambiguous observation within a metre of each cone, -1 for none."""
-    row = np.flatnonzero(pairs.ambiguous)
-    if len(row) == 0:
-        return np.full(len(slot), -1, dtype=np.int64)
-    xy = map_.filter.cones_in_car_frame()[slot]
-    gap = np.linalg.norm(xy[:, None] - frame.xy_m[row], axis=2)
-    near = gap.min(axis=1) <= BESIDE_M
-    return np.where(near, row[gap.argmin(axis=1)], -1).astype(np.int64)

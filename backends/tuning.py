@@ -49,7 +49,8 @@ PRIOR_SIGMA = 0.5
 too small to be seen beside the sensor's has a likelihood that is flat far upwards of
 the truth; what a log says little of stays near where it was."""
 
-LEAST_DOF = 200
+LEAST_SEEN_AGAIN = 100
+"""Sightings of cones that were seen before, two numbers each."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,9 +195,10 @@ def _stretch(events: Sequence[Event], frames: int) -> list[Event]:
 def _parameters(
     settled: Settled, config: Config, sensor: SensorModel | None, kind: SensorNoise
 ) -> NoiseParameters:
-    seen = [e.observations.xy_m for e in settled.events if isinstance(e, SettledFrame)]
-    xy = np.vstack([np.zeros((0, 2)), *seen])
-    if settled.nis[:, 1].sum() < LEAST_DOF:
+    seen = [e for e in settled.events if isinstance(e, SettledFrame)]
+    xy = np.vstack([np.zeros((0, 2)), *(e.observations.xy_m for e in seen)])
+    cones = {cone for e in seen for cone in e.landmark_id.tolist()}
+    if len(xy) - len(cones) < LEAST_SEEN_AGAIN:
         raise SourceError(
             f"too few cones were seen again to tune on: {len(xy)} matched sightings "
             f"in {len(seen)} frames"

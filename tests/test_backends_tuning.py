@@ -138,6 +138,10 @@ def test_a_log_that_says_nothing_is_refused() -> None:
         tune(list(recording.events())[:5], resolve_config({}), recording.sensor)
     with pytest.raises(SourceError, match="0 matched sightings in 0 frames"):
         tune([], resolve_config({}), recording.sensor)
+    # Matched, but never published: nothing of it is settled.
+    strict = resolve_config({"landmarks": {"publish_hits": 1000}})
+    with pytest.raises(SourceError, match="0 matched sightings in 80 frames"):
+        tune(list(recording.events()), strict, recording.sensor, frames=80)
 
 
 def test_the_range_curve_goes_through_both_sigmas_where_it_can() -> None:
