@@ -22,7 +22,6 @@ from conegraph.backends.graph_builder import (
 )
 from conegraph.backends.journal import Entry, Journal
 from conegraph.backends.reviewer import (
-    LOOP_CONES,
     LOOP_D2,
     REVIEW_AFTER_S,
     SUSPECT_D2,
@@ -287,7 +286,7 @@ class Mapper:
         """
         entries, now_s = self.journal.entries, self.newest.frame.stamp_s
         closing = [e for e in entries[begin:] if e.frame.closure]
-        loops = [Loop([e], set(e.cones.tolist()), True) for e in closing]
+        loops = [Loop([e], set(e.cones.tolist())) for e in closing]
         ripe = self._loops.ripe(now_s)
         loops += [] if ripe is None else [ripe]
         end = max(self._reviewed, self._first_exact)
@@ -296,19 +295,21 @@ class Mapper:
         ):
             end += 1
         doubted = entries[max(self._reviewed, self._first_exact) : end]
+        undone: list[Retraction] = []
         taken: list[Retraction] = []
         off = any(self._is_off(loop) for loop in loops)
         if closing or off or self._suspects(doubted):
             self._start_anew(self._solved_window())
-            taken = [r for loop in loops for r in self._doubt_loop(loop)]
+            undone = [r for loop in loops for r in self._doubt_loop(loop)]
             for entry in doubted:
                 taken += self._doubt(entry, self._residual_d2(entry))
             self._remove(self.window)
         self._reviewed = end
-        if ripe is not None:
-            enough = ripe.by_start_line or len(ripe.returned) >= LOOP_CONES
-            self._loops.stands |= enough and not self._is_off(ripe)
-        return taken
+        if undone:
+            self._loops.open = None
+        elif ripe is not None:
+            self._loops.stands |= ripe.closed and not self._is_off(ripe)
+        return undone + taken
 
     def _suspects(self, entries: Sequence[Entry]) -> bool:
         return any((self._residual_d2(e) > SUSPECT_D2).any() for e in entries)

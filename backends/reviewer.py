@@ -50,17 +50,23 @@ class Loop:
     Attributes:
         entries: frames since then that show cones which had come back.
         returned: these cones.
-        by_start_line: whether the start line closed it.
     """
 
     entries: list[Entry]
     returned: set[int]
-    by_start_line: bool
 
     @property
     def stamp_s(self) -> float:
         """When it was closed."""
         return self.entries[0].frame.stamp_s
+
+    @property
+    def closed(self) -> bool:
+        """Whether the start line closed it, or enough cones, that still count."""
+        if any(e.frame.closure and e.kept.any() for e in self.entries):
+            return True
+        kept = {cone for e in self.entries for cone in e.cones.tolist()}
+        return len(kept & self.returned) >= LOOP_CONES
 
     def sightings(self, entry: Entry) -> Mask:
         """(n,) which sightings of an entry belong to the loop."""
@@ -92,10 +98,9 @@ class LoopWatch:
         }
         self._last_seen_s.update(dict.fromkeys(ids, stamp_s))
         if self.open is None and (back or entry.frame.closure):
-            self.open = Loop([], set(), False)
+            self.open = Loop([], set())
         if self.open is not None:
             self.open.returned |= back
-            self.open.by_start_line |= entry.frame.closure
             self.open.entries.append(entry)
 
     def ripe(self, now_s: float) -> Loop | None:

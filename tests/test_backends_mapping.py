@@ -19,7 +19,7 @@ from conegraph.backends.motion import OdometryIncrement
 from conegraph.backends.tracked_frame import TrackedFrame
 from conegraph.config import Isam2Config, MotionConfig, load_config
 from conegraph.eval.align import align_se2
-from conegraph.geometry import between, constant_twist, to_child, to_parent
+from conegraph.geometry import between, constant_twist, rotation, to_child, to_parent
 from conegraph.pipeline import for_source
 from conegraph.sources import open_source
 from conegraph.types import Array, Retraction, VelocityObservation
@@ -144,6 +144,27 @@ def test_a_wrong_sighting_is_taken_back_a_second_later() -> None:
     assert taken[0].landmark_id.tolist() == [cone]
     # Two metres are 40 sigmas; the pose and the cone take a part of them.
     assert 0.5 * 40**2 < taken[0].d2[0] < 1.1 * 40**2
+
+
+def test_a_loop_that_was_undone_does_not_bound_the_window() -> None:
+    frames, k = ring(1)[:120], 60
+    taken_for = frames[0].landmark_id
+    few = np.arange(len(frames[k].landmark_id)) < len(taken_for)
+    wrong = frames[k].xy_m[few] @ rotation(0.4).T + [3.0, 2.0]
+    frames[k] = replace(
+        frames[k],
+        landmark_id=taken_for[: few.sum()],
+        row=np.arange(few.sum()),
+        xy_m=wrong,
+        cov_m2=frames[k].cov_m2[few],
+        reported_m2=frames[k].reported_m2[few],
+        vague=np.zeros(few.sum(), dtype=bool),
+        closure=True,
+    )
+    mapper = Mapper(Isam2Config(), MOTION)
+    (undone,) = feed(mapper, frames)
+    assert undone.closure
+    assert len(mapper.window) == len(frames) > KEEP
 
 
 def test_the_last_sighting_of_a_cone_is_never_taken_back() -> None:
