@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from conegraph.backends.velocity import rigid_fit
 from conegraph.geometry import between, to_parent
 from conegraph.types import Array, IntArray
 
@@ -16,6 +16,9 @@ INLIER_M = 0.8
 RIVAL_M = 1.0
 RIVAL_RAD = 0.15
 """Hypotheses nearer to each other than this are one."""
+
+NEAREST = 6
+"""Start cones of a frame that are laid on the map's: a lane of them has many pairs."""
 
 LEAD = 2
 """How many more cones than its best rival the accepted hypothesis must explain."""
@@ -43,10 +46,10 @@ def match_gate(
 ) -> GateMatch | str:
     """Find the one pose at which the seen start cones are the map's.
 
-    Every two seen start cones are laid on every two of the map that are as far
-    apart. Each such pose is fitted to all that it explains and scored by how many
-    of *all* seen cones it puts on the map, over the whole map and not only near the
-    predicted pose: beside a parallel stretch the prior's own neighbourhood always
+    Every two of the `NEAREST` seen start cones are laid on every two of the map that
+    are as far apart. Each such pose is fitted to all that it explains and scored by how
+    many of *all* seen cones it puts on the map, over the whole map and not only near
+    the predicted pose: beside a parallel stretch the prior's own neighbourhood always
     finds something. The best must lead every other pose by `LEAD` cones.
 
     Args:
@@ -58,11 +61,12 @@ def match_gate(
     Returns:
         The match, or a sentence why there is none.
     """
-    rough = _poses_from_pairs(seen_m[seen_start], mapped_m[mapped_start])
+    by_range = np.argsort(np.hypot(*seen_m[seen_start].T), kind="stable")
+    nearest = seen_m[seen_start[np.sort(by_range[:NEAREST])]]
+    rough = _poses_from_pairs(nearest, mapped_m[mapped_start])
     if len(rough) == 0:
         return "no two start cones as far apart as the map's"
-    poses = np.array([_refined(pose, seen_m, mapped_m) for pose in rough])
-    counts = np.array([int(_explained(p, seen_m, mapped_m).sum()) for p in poses])
+    poses, counts = _refined(rough, seen_m, mapped_m)
     best = int(counts.argmax())
     gap = between(poses[best], poses)
     other = (np.hypot(gap[:, 0], gap[:, 1]) > RIVAL_M) | (np.abs(gap[:, 2]) > RIVAL_RAD)
@@ -70,10 +74,10 @@ def match_gate(
     if counts[best] - rival < LEAD:
         return f"{counts[best]} cones agree, but {rival} with another pose"
     pose = poses[best]
-    gaps = _gaps(pose, seen_m[seen_start], mapped_m[mapped_start])
-    nearest = gaps.argmin(axis=1)
+    placed = to_parent(pose, seen_m[seen_start])
+    gaps = np.linalg.norm(placed[:, None] - mapped_m[mapped_start], axis=2)
     good = gaps.min(axis=1) < INLIER_M
-    slot = mapped_start[nearest[good]]
+    slot = mapped_start[gaps.argmin(axis=1)[good]]
     if len(np.unique(slot)) != len(slot) or len(slot) < 2:
         return "two start cones fall on one"
     return GateMatch(seen_start[good], slot, pose, float(counts[best]) / len(seen_m))
@@ -81,38 +85,55 @@ def match_gate(
 
 def _poses_from_pairs(seen_m: Array, mapped_m: Array) -> Array:
     """Return (h, 3) poses that lay two seen cones on two mapped ones."""
-    poses = []
-    for a in range(len(seen_m)):
-        for b in range(a + 1, len(seen_m)):
-            length = np.hypot(*(seen_m[b] - seen_m[a]))
-            for c in range(len(mapped_m)):
-                for d in range(len(mapped_m)):
-                    gap = np.hypot(*(mapped_m[d] - mapped_m[c]))
-                    if c != d and length > 1.0 and abs(gap - length) < INLIER_M:
-                        poses.append(rigid_fit(seen_m[[a, b]], mapped_m[[c, d]]))
-    return np.array(poses).reshape(-1, 3)
+    a, b = np.triu_indices(len(seen_m), 1)
+    length = np.hypot(*(seen_m[b] - seen_m[a]).T)
+    gap = np.linalg.norm(mapped_m[:, None] - mapped_m, axis=2)
+    alike = np.abs(gap - length[:, None, None]) < INLIER_M
+    alike &= (length > 1.0)[:, None, None] & ~np.eye(len(mapped_m), dtype=bool)
+    pair, c, d = np.nonzero(alike)
+    seen = np.stack([seen_m[a[pair]], seen_m[b[pair]]], axis=1)
+    mapped = np.stack([mapped_m[c], mapped_m[d]], axis=1)
+    return _fitted(seen, mapped, np.ones((len(pair), 2)))
 
 
-def _refined(pose: Array, seen_m: Array, mapped_m: Array) -> Array:
-    """Fit a pose to all cones it explains, so that one place counts as one pose."""
+def _refined(poses: Array, seen_m: Array, mapped_m: Array) -> tuple[Array, IntArray]:
+    """Fit poses (h, 3) to all they explain, so that one place counts as one pose.
+
+    Returns:
+        The poses, and how many cones each explains (h,).
+    """
+    tree = cKDTree(mapped_m)
     for _ in range(2):
-        gaps = _gaps(pose, seen_m, mapped_m)
-        near = gaps.min(axis=1) < INLIER_M
-        if near.sum() < 2:
-            break
-        pose = rigid_fit(seen_m[near], mapped_m[gaps[near].argmin(axis=1)])
-    return pose
+        gaps, at = tree.query(_placed(poses, seen_m))
+        near = np.asarray(gaps < INLIER_M, dtype=np.float64)
+        some = near.sum(axis=1) >= 2.0
+        seen = np.broadcast_to(seen_m, (int(some.sum()), *seen_m.shape))
+        poses = poses.copy()
+        poses[some] = _fitted(seen, mapped_m[at[some]], near[some])
+    gaps, _ = tree.query(_placed(poses, seen_m))
+    return poses, (gaps < INLIER_M).sum(axis=1)
 
 
-def _explained(pose: Array, seen_m: Array, mapped_m: Array) -> Array:
-    near: Array = _gaps(pose, seen_m, mapped_m).min(axis=1) < INLIER_M
-    return near
+def _placed(poses: Array, seen_m: Array) -> Array:
+    """(h, m, 2) seen cones as each of the poses (h, 3) places them."""
+    c, s = np.cos(poses[:, 2:]), np.sin(poses[:, 2:])
+    x, y = seen_m.T
+    turned = np.stack([c * x - s * y, s * x + c * y], axis=-1)
+    placed: Array = turned + poses[:, None, :2]
+    return placed
 
 
-def _gaps(pose: Array, seen_m: Array, mapped_m: Array) -> Array:
-    """(m, M) distances between seen cones, placed by a pose, and mapped ones."""
-    gaps: Array = np.linalg.norm(to_parent(pose, seen_m)[:, None] - mapped_m, axis=2)
-    return gaps
+def _fitted(from_m: Array, to_m: Array, weight: Array) -> Array:
+    """Return poses (h, 3) as `rigid_fit` does, of points (h, k, 2) with weights."""
+    share = (weight / weight.sum(axis=1, keepdims=True))[..., None]
+    middle_a, middle_b = (share * from_m).sum(axis=1), (share * to_m).sum(axis=1)
+    a, b = from_m - middle_a[:, None], share * (to_m - middle_b[:, None])
+    cross = (a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]).sum(axis=1)
+    yaw = np.arctan2(cross, (a * b).sum(axis=(1, 2)))
+    c, s = np.cos(yaw), np.sin(yaw)
+    x = middle_b[:, 0] - c * middle_a[:, 0] + s * middle_a[:, 1]
+    y = middle_b[:, 1] - s * middle_a[:, 0] - c * middle_a[:, 1]
+    return np.stack([x, y, yaw], axis=1)
 
 
 def sides(xy_m: Array) -> tuple[IntArray, IntArray]:

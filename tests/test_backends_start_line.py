@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -37,6 +39,22 @@ def test_the_pose_is_found_wherever_the_car_was_taken_to_be(seed: int) -> None:
     assert np.hypot(*(found.pose - pose)[:2]) < 0.3
     assert abs(float(wrap_angle(found.pose[2] - pose[2]))) < 0.03
     np.testing.assert_array_equal(order[found.row], found.slot)
+
+
+def test_a_lane_of_start_cones_is_found_in_the_time_of_a_frame() -> None:
+    rng = np.random.default_rng(4)
+    x = np.arange(0.0, 15.0, 1.25)
+    lane = np.vstack([np.stack([x, np.full(12, y)], axis=1) for y in (1.5, -1.5)])
+    mapped = np.vstack([lane, rng.uniform(-10.0, 25.0, (12, 2)), LANE + 60.0])
+    pose = np.array([1.0, 0.5, 0.1])
+    seen = to_child(pose, mapped[:36])
+    began = time.process_time()
+    found = match_gate(seen, np.arange(24), mapped, np.arange(24))
+    # One pair after the other it took half a minute.
+    assert time.process_time() - began < 1.0
+    assert isinstance(found, GateMatch)
+    np.testing.assert_allclose(found.pose, pose, atol=1e-9)
+    np.testing.assert_array_equal(found.slot, np.arange(24))
 
 
 def test_start_cones_as_far_apart_as_none_of_the_map_tell_nothing() -> None:
