@@ -159,6 +159,10 @@ class LandmarkBook:
         self.last_seen_m[kept] = max(self.last_seen_m[kept], self.last_seen_m[gone])
         logs = self._class_log[kept] + self._class_log[gone] - np.log(PRIOR)
         self._class_log[kept] = np.maximum(logs - logs.max(), -CLASS_LOG_RANGE)
+        stays, goes = int(self.id[kept]), int(self.id[gone])
+        for a, b in [pair for pair in self._seen_together if goes in pair]:
+            other = a if b == goes else b
+            self._seen_together.add((min(stays, other), max(stays, other)))
 
     def note_together(self, row: IntArray, xy_m: Array, within_m: float) -> None:
         """Remember which near cones were seen in one frame: they are two."""

@@ -218,6 +218,15 @@ def test_near_cones_in_one_frame_are_remembered_as_two() -> None:
     assert not book.seen_together(0, 1)
 
 
+def test_a_cone_that_takes_over_another_was_seen_with_its_neighbours() -> None:
+    book = book_of(*[report(ConeClass.BLUE)] * 4)
+    book.note_together(rows(1, 2), np.zeros((2, 2)), 2.5)
+    book.absorb(0, 1)
+    book.keep(np.array([True, False, True, True]))
+    assert book.seen_together(0, 1)
+    assert not book.seen_together(0, 2)
+
+
 def test_the_colour_survives_two_wrong_names_of_five() -> None:
     # Beside "unknown", a right name is worth log(0.906 / 0.25) = 1.29 and a wrong one
     # log(0.06 / 0.25) = -1.43: 3 of 5 right still rise, by 1.01.

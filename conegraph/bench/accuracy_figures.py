@@ -167,7 +167,7 @@ def _association(runs: Sequence[RunRow]) -> list[Figure]:
 
 
 def _completeness(runs: Sequence[RunRow]) -> list[Figure]:
-    """Return shares of cones over all unknown associations, the worst run counting."""
+    """Return shares of cones over all unknown associations, means of runs."""
     figures = []
     for backend in (EKF, ISAM2):
         rows = of([*in_group(runs, ACCURACY), *in_group(runs, STRESS)], backend)
