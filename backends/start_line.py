@@ -109,9 +109,9 @@ def _refined(poses: Array, seen_m: Array, mapped_m: Array) -> tuple[Array, IntAr
         some = near.sum(axis=1) >= 2.0
         seen = np.broadcast_to(seen_m, (int(some.sum()), *seen_m.shape))
         poses = poses.copy()
-        poses[some] = _fitted(seen, mapped_m[at[some]], near[some])
+        poses[some] = _fitted(seen, mapped_m[np.asarray(at)[some]], near[some])
     gaps, _ = tree.query(_placed(poses, seen_m))
-    return poses, (gaps < INLIER_M).sum(axis=1)
+    return poses, np.count_nonzero(gaps < INLIER_M, axis=1)
 
 
 def _placed(poses: Array, seen_m: Array) -> Array:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
 
 from conegraph.bench.accuracy_figures import accuracy_figures
 from conegraph.bench.backends import figures_of, measure_all
@@ -23,6 +24,7 @@ from conegraph.bench.runner import RowFile, reference_of, run_one
 from conegraph.bench.streams import Stream, drives, sized_course, track_names
 from conegraph.bench.worker import Task
 from conegraph.cli import main
+from conegraph.cli.bench_backends import _seeds
 from conegraph.errors import SourceError
 from conegraph.sources import open_source
 from conegraph.types import (
@@ -264,6 +266,12 @@ def test_a_worker_says_why_it_failed() -> None:
     row = run_one(Task(job=job))
     assert isinstance(row, RunRow)
     assert row.reason.startswith("SourceError: sim:no-such-track: neither")
+
+
+@pytest.mark.parametrize("given", ["0", "", "1,x"])
+def test_seeds_that_are_no_drives_are_refused(given: str) -> None:
+    with pytest.raises(typer.BadParameter, match="--seeds"):
+        _seeds(given)
 
 
 def test_the_whole_benchmark_and_that_it_resumes(

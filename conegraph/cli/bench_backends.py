@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import tempfile
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from conegraph.cli.options import SetOption
+from conegraph.cli.options import FiguresOption, SetOption, listed
 
 if TYPE_CHECKING:
     from conegraph.bench.plan import Plan
@@ -61,10 +60,7 @@ def backends(
     mrclam: Annotated[
         str, typer.Option(metavar="FOLDER", help="Also the robots of MRCLAM there.")
     ] = "",
-    json_: Annotated[
-        Path | None,
-        typer.Option("--json", metavar="FILE", help="Write the figures as JSON."),
-    ] = None,
+    json_: FiguresOption = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -85,9 +81,9 @@ def backends(
     plan = Plan(
         drives=tuple(drives(names, chosen)),
         laps=min(laps, 2) if quick else laps,
-        sensors=_listed("--sensors", sensors, ("camera", "lidar")),
+        sensors=listed("--sensors", sensors, ("camera", "lidar")),
         odometry=tuple(
-            word == "on" for word in _listed("--odometry", odometry, ("off", "on"))
+            word == "on" for word in listed("--odometry", odometry, ("off", "on"))
         ),
         backends=tuple(name.strip() for name in backends.split(",")),
         settings=tuple(set_ or ()),
@@ -104,26 +100,17 @@ def backends(
 
 
 def _bench(plan: Plan, out: Path, jobs: int, json_: Path | None) -> None:
-    from rich.console import Console
-
     from conegraph.bench.backends import failures_of, figures_of, measure_all
-    from conegraph.bench.figure import render_figures
     from conegraph.cli.progress import progress_bar
-    from conegraph.io.plain import to_plain
+    from conegraph.cli.tables import show_figures
 
     total = len(plan.side_by_side()) + len(plan.one_by_one())
     with progress_bar("bench backends", total) as advance:
         rows = measure_all(plan, out, jobs or os.cpu_count() or 1, advance)
     figures = figures_of(rows)
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=120)
-    console.print(render_figures(figures, "Back ends"))
+    show_figures(figures, "Back ends", json_)
     for failure in failures_of(rows):
         typer.echo(f"Failed: {failure}")
-    if json_ is not None:
-        text = json.dumps({"figures": to_plain(figures)}, indent=1)
-        json_.write_text(text + "\n", encoding="utf-8")
 
 
 def _seeds(given: str) -> tuple[int, ...]:
@@ -136,11 +123,6 @@ def _seeds(given: str) -> tuple[int, ...]:
     if not all(part.isascii() and part.isdigit() for part in parts):
         raise typer.BadParameter(f"--seeds {given!r}: expected a count or a list")
     numbers = tuple(int(part) for part in parts)
+    if numbers == (0,):
+        raise typer.BadParameter(f"--seeds {given!r}: no drive")
     return tuple(range(numbers[0])) if len(numbers) == 1 else numbers
-
-
-def _listed(option: str, given: str, allowed: tuple[str, ...]) -> tuple[str, ...]:
-    words = tuple(dict.fromkeys(word.strip() for word in given.split(",")))
-    if not set(words) <= set(allowed):
-        raise typer.BadParameter(f"{option} {given!r}: of {', '.join(allowed)}")
-    return words

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from conegraph.cli.options import SetOption
+from conegraph.cli.options import FiguresOption, SetOption, listed
 
 if TYPE_CHECKING:
     from conegraph.bench.figure import Figure
@@ -43,26 +42,20 @@ def frontend(
         str, typer.Option(metavar="A,B,…", help="Back ends of the maps.")
     ] = "ekf,isam2",
     set_: SetOption = None,
-    json_: Annotated[
-        Path | None,
-        typer.Option("--json", metavar="FILE", help="Write the figures as JSON."),
-    ] = None,
+    json_: FiguresOption = None,
 ) -> None:
     """Render drives, look for their cones and print each figure beside its target."""
-    from conegraph.bench.figure import render_figures
     from conegraph.bench.frontend import Scenes, front_end_figures, measure_front_end
     from conegraph.bench.frontend_maps import map_figures
     from conegraph.cli.progress import progress_bar
-    from conegraph.cli.session import console
+    from conegraph.cli.tables import show_figures
     from conegraph.config import load_config
-    from conegraph.io.plain import to_plain
     from conegraph.sim.render import LIGHT_NAMES
 
     config = load_config(None, set_ or [])
     figures = [] if photos is None else _photos(photos, config)
-    chosen = tuple(name for name in LIGHT_NAMES if name in lights.split(","))
-    if len(chosen) < len(lights.split(",")):
-        raise typer.BadParameter(f"--lights {lights!r}: of {LIGHTS}")
+    words = listed("--lights", lights, LIGHT_NAMES)
+    chosen = tuple(name for name in LIGHT_NAMES if name in words)
     scenes = Scenes(tuple(range(first_seed, first_seed + seeds)), chosen, frames)
     with progress_bar("rendering and looking", len(scenes)) as advance:
         figures += front_end_figures(measure_front_end(config, scenes, advance))
@@ -70,10 +63,7 @@ def frontend(
         names = [name.strip() for name in backends.split(",")]
         with progress_bar("camera to map") as advance:
             figures += map_figures(first_seed, names, set_ or [], advance)
-    console().print(render_figures(figures, "Front end"))
-    if json_ is not None:
-        text = json.dumps({"figures": to_plain(figures)}, indent=1)
-        json_.write_text(text + "\n", encoding="utf-8")
+    show_figures(figures, "Front end", json_)
 
 
 def _photos(folder: Path, config: Config) -> list[Figure]:

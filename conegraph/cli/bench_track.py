@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from conegraph.cli.options import SetOption
+from conegraph.cli.options import FiguresOption, SetOption
 
 
 def track(
@@ -26,20 +25,14 @@ def track(
     failures: Annotated[
         bool, typer.Option("--failures", help="List what was wrong.")
     ] = False,
-    json_: Annotated[
-        Path | None,
-        typer.Option("--json", metavar="FILE", help="Write the figures as JSON."),
-    ] = None,
+    json_: FiguresOption = None,
 ) -> None:
     """Find known tracks in clean and in spoilt maps, and print each figure."""
-    from rich.console import Console
-
-    from conegraph.bench.figure import render_figures
     from conegraph.bench.track import STEPS, bench_track
     from conegraph.bench.track_truth import closed_tracks, random_tracks
     from conegraph.cli.progress import progress_bar
+    from conegraph.cli.tables import show_figures
     from conegraph.config import load_config
-    from conegraph.io.plain import to_plain
 
     tracks = [] if data is None else closed_tracks(data)
     tracks += random_tracks(range(courses))
@@ -49,15 +42,9 @@ def track(
     with progress_bar("bench track", STEPS) as advance:
         shares = bench_track(tracks, range(seeds), config, advance)
     figures = [share.figure() for share in shares]
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=120)
     title = f"Track detection, {len(tracks)} tracks, {seeds} seeds, {config.profile}"
-    console.print(render_figures(figures, title))
+    show_figures(figures, title, json_)
     if failures:
         for share in shares:
             for text in share.failures:
-                console.print(f"{share.name}: {text}", markup=False, highlight=False)
-    if json_ is not None:
-        text = json.dumps({"figures": to_plain(figures)}, indent=1)
-        json_.write_text(text + "\n", encoding="utf-8")
+                typer.echo(f"{share.name}: {text}")

@@ -112,7 +112,7 @@ def _views(files: list[Path], board: Board) -> tuple[list[BoardView], tuple[int,
 def _print(result: Calibration) -> None:
     from rich.table import Table
 
-    from conegraph.cli.session import console
+    from conegraph.cli.tables import console
 
     table = Table("view", "corners", "error [px]")
     for view, error in zip(result.views, result.view_rms_px, strict=True):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -43,9 +44,25 @@ ViewOption = Annotated[
 SaveRrdOption = Annotated[
     bool, typer.Option("--save-rrd", help="Write the Rerun recording DIR/run.rrd.")
 ]
+FiguresOption = Annotated[
+    Path | None,
+    typer.Option("--json", metavar="FILE", help="Write the figures as JSON."),
+]
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print JSON in place of the table.")
 ]
+
+
+def listed(option: str, given: str, allowed: Sequence[str]) -> tuple[str, ...]:
+    """Return the words of a list A,B,…, each once.
+
+    Raises:
+        typer.BadParameter: one of them is not allowed.
+    """
+    words = tuple(dict.fromkeys(word.strip() for word in given.split(",")))
+    if not set(words) <= set(allowed):
+        raise typer.BadParameter(f"{option} {given!r}: of {', '.join(allowed)}")
+    return words
 
 
 def settle_source(source: str, config: Config) -> Config:

@@ -8,11 +8,11 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from rich.console import Console
 from rich.text import Text
 
 from conegraph.camera_stream import CameraStream, with_front_end
 from conegraph.cli.progress import progress_bar
+from conegraph.cli.tables import console
 from conegraph.config import Config
 from conegraph.eval import Comparison, render_table
 from conegraph.pipeline import Pipeline, RunResult
@@ -23,7 +23,6 @@ from conegraph.types import ConeMap, Source
 from conegraph.viewer import Viewer, open_viewer, watch_camera
 
 RECORDING = "run.rrd"
-WIDTH_WITHOUT_TERMINAL = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,9 +111,3 @@ def print_comparison(comparison: Comparison) -> None:
     for warning in comparison.warnings:
         out.print(Text(f"Note: {warning}"))
     out.print(Text(comparison.verdict))
-
-
-def console() -> Console:
-    """Return where tables are printed: as wide as the terminal, if there is one."""
-    terminal = Console()
-    return terminal if terminal.is_terminal else Console(width=WIDTH_WITHOUT_TERMINAL)

@@ -85,7 +85,7 @@ def _print(tuning: Tuning) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from conegraph.cli.session import console
+    from conegraph.cli.tables import console
 
     changes = Table(title="Noise")
     fits = Table(title="Innovations")
