@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -21,6 +22,7 @@ from conegraph.types import (
     ConeMap,
     ConeObservations,
     Estimate,
+    IntArray,
     LoopClosure,
     Retraction,
     SensorModel,
@@ -75,7 +77,8 @@ class Isam2Backend(Tracker):
             self.mapping = InlineMapping(mapper, radius_m)
         self._frames = 0
         self._waiting: list[TrackedFrame] = []
-        self._since: list[TrackedFrame] = []
+        self._since: deque[TrackedFrame] = deque(maxlen=OLDEST_SNAPSHOT)
+        self._undone: list[Retraction] = []
         self._updated_s = -np.inf
         self._pose_cov = np.zeros((3, 3))
         self._anchor_m = np.zeros(2)
@@ -83,7 +86,7 @@ class Isam2Backend(Tracker):
     def observe_cones(self, frame: ConeObservations) -> Associations | None:
         """Track a frame; now and then let the graph take in what is waiting."""
         began = time.perf_counter()
-        undone = self._take(self.mapping.poll())
+        self._take(self.mapping.poll())
         self.map.fetch(self.sensor.max_range_m + EDGE_M)
         spent_s = time.perf_counter() - began
         result = super().observe_cones(frame)
@@ -94,12 +97,13 @@ class Isam2Backend(Tracker):
         self._since.append(self.tracked)
         began = time.perf_counter()
         if self._is_due(self.tracked) and not self.mapping.busy:
-            undone += self._take(self.mapping.poll())
+            self._take(self.mapping.poll())
             frames, self._waiting = self._waiting, []
             self._updated_s = self.tracked.stamp_s
             self.mapping.submit(frames)
-            undone += self._take(self.mapping.poll())
+            self._take(self.mapping.poll())
         spent_s += time.perf_counter() - began
+        undone, self._undone = tuple(self._undone), []
         stages = {**(self.last_events.stage_ms or {}), "graph": 1e3 * spent_s}
         self.last_events = replace(
             self.last_events,
@@ -131,7 +135,8 @@ class Isam2Backend(Tracker):
         settled = self.mapping.finish(polish=self._graph_config.polish)
         if settled is None:
             return None
-        self.last_events = FrameEvents(retractions=settled.retractions)
+        undone = (*self._undone, *settled.retractions)
+        self.last_events = FrameEvents(retractions=undone)
         self._take_map(settled)
         return settled.path
 
@@ -148,13 +153,12 @@ class Isam2Backend(Tracker):
         late = newest.stamp_s - self._updated_s >= self._graph_config.update_period_s
         return late and sum(len(f.landmark_id) for f in self._waiting) >= FEW_SIGHTINGS
 
-    def _take(self, mapped: Mapped | None) -> tuple[Retraction, ...]:
-        """Go on from what the graph believes; return what it took back."""
-        if mapped is None:
-            return ()
-        if mapped.snapshot is not None:
-            self._resume(mapped.snapshot)
-        return mapped.retractions
+    def _take(self, mapped: Mapped | None) -> None:
+        """Go on from what the graph believes; note what it took back."""
+        if mapped is not None:
+            self._undone += mapped.retractions
+            if mapped.snapshot is not None:
+                self._resume(mapped.snapshot)
 
     def _resume(self, snapshot: Snapshot) -> None:
         """Load a snapshot and go through the frames again that it has not seen.
@@ -162,9 +166,10 @@ class Isam2Backend(Tracker):
         One older than `OLDEST_SNAPSHOT`, or than a jump of the car, is left alone.
         """
         behind = self._frames - 1 - snapshot.k
-        again = self._since[len(self._since) - behind :] if behind else []
-        self._since = again
-        if behind > OLDEST_SNAPSHOT or any(frame.jump for frame in again):
+        if behind > OLDEST_SNAPSHOT:
+            return
+        again = list(self._since)[len(self._since) - behind :]
+        if any(frame.jump for frame in again):
             return
         self._pose_cov = snapshot.pose_cov
         self._anchor_m = snapshot.state[:2]
@@ -175,23 +180,28 @@ class Isam2Backend(Tracker):
             snapshot.all_ids,
             snapshot.all_xy_m,
         )
-        elsewhere = set(snapshot.all_ids.tolist())
         before_s = snapshot.stamp_s
         for frame in again:
-            self._go_through(frame, frame.stamp_s - before_s, elsewhere)
+            self._go_through(frame, frame.stamp_s - before_s, snapshot.all_ids)
             before_s = frame.stamp_s
 
     def _go_through(
-        self, frame: TrackedFrame, dt_s: float, elsewhere: Sequence[int] | set[int]
+        self, frame: TrackedFrame, dt_s: float, elsewhere: IntArray
     ) -> None:
-        """Track a frame again whose pairs are settled."""
+        """Track a frame again whose pairs are settled.
+
+        Args:
+            frame: what was tracked.
+            dt_s: time since the frame before.
+            elsewhere: cones of the graph, which are not new even if out of reach.
+        """
         self.motion.repeat(self.map.filter, dt_s, frame.increment)
         slot = self.map.slots_of(frame.landmark_id)
         here = slot >= 0
         if here.any():
             xy, cov = frame.xy_m[here], frame.cov_m2[here]
             self.map.filter.update_cones(slot[here], xy, cov, None)
-        born = ~here & ~np.isin(frame.landmark_id, list(elsewhere))
+        born = ~here & ~np.isin(frame.landmark_id, elsewhere)
         born &= np.isin(frame.landmark_id, self.map.book.id)
         cones = frame.landmark_id[born]
         self.map.add_again(cones, frame.xy_m[born], frame.cov_m2[born])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -30,7 +30,7 @@ class Entry:
 
     k: int
     frame: TrackedFrame
-    before: Entry | None
+    before: Entry | None = field(repr=False)
     segment: int
     walk_s: float
     moving: bool

@@ -30,6 +30,7 @@ from conegraph.backends.reviewer import (
     residual_d2,
 )
 from conegraph.backends.solver import (
+    UNSOLVABLE,
     kind,
     new_isam,
     number,
@@ -165,6 +166,7 @@ class Mapper:
         self._new_values.insert(first_values(entry, has_bias=self.has_bias))
         pose = frame.state[:3]
         for cone, xy in zip(frame.landmark_id.tolist(), frame.xy_m, strict=True):
+            self.cones[cone] = None
             if cone not in self._present:
                 self._insert_cone(cone, to_parent(pose, xy[None])[0])
         before = np.zeros(3) if entry.before is None else entry.before.frame.state[:3]
@@ -264,7 +266,7 @@ class Mapper:
                     self.journal.drop(entry)
             try:
                 self._start_anew(self._solved(self._base, self.window, self._first))
-            except RuntimeError as error:
+            except UNSOLVABLE as error:
                 log.warning("batch: %s", _short(error))
             else:
                 return
@@ -381,7 +383,7 @@ class Mapper:
         graph, _ = self._graph(self._base, old, values)
         gone = self._settled_keys(graph, last)
         self._base = [summarise(graph, restricted(values, graph.keyVector()), gone)]
-        self._archive.insert(restricted(values, gone))
+        self._archive.insert_or_assign(restricted(values, gone))
         self._first_exact = last + 1
         self._start_anew(values)
         return taken
@@ -414,11 +416,11 @@ class Mapper:
         if self.failed:
             return None, taken
         values = gtsam.Values(self._archive)
-        values.insert(self.isam.calculateEstimate())
+        values.insert_or_assign(self.isam.calculateEstimate())
         if polish:
             try:
                 values, taken = self._polished(values)
-            except RuntimeError as error:
+            except UNSOLVABLE as error:
                 log.warning("batch: %s; keeping what iSAM2 had", _short(error))
         entries = self.journal.entries
         poses = [pose_array(values.atPose2(X(e.k))) for e in entries]

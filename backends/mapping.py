@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
 from conegraph.backends.mapper import Mapper
 from conegraph.backends.snapshot import Snapshot, take_snapshot
+from conegraph.backends.solver import UNSOLVABLE
 from conegraph.backends.tracked_frame import TrackedFrame
 from conegraph.types import Array, IntArray, Retraction, Trajectory
 
@@ -32,14 +33,14 @@ class Settled:
     """The final solution.
 
     Attributes:
-        path: every pose, None if the graph was given up.
-        retractions: what was taken back last.
+        path: every pose.
+        retractions: what was taken back and not yet told.
         ids: (n,) the cones.
         xy_m: (n, 2) where they are.
         cov_m2: (n, 2, 2) their covariances.
     """
 
-    path: Trajectory | None
+    path: Trajectory
     retractions: tuple[Retraction, ...]
     ids: IntArray
     xy_m: Array
@@ -55,7 +56,7 @@ class Mapping(Protocol):
         ...
 
     def submit(self, frames: Sequence[TrackedFrame]) -> None:
-        """Hand over frames, in order; only while not busy."""
+        """Hand over frames, in order."""
         ...
 
     def poll(self) -> Mapped | None:
@@ -63,7 +64,10 @@ class Mapping(Protocol):
         ...
 
     def finish(self, *, polish: bool) -> Settled | None:
-        """Wait for everything, settle it and stop; None if the graph is gone."""
+        """Wait for everything, settle it and stop; None if the graph is gone.
+
+        With the retractions of results that were not taken out.
+        """
         ...
 
 
@@ -92,7 +96,7 @@ class InlineMapping:
 
     def finish(self, *, polish: bool) -> Settled | None:
         """Solve to convergence."""
-        return settle(self.mapper, polish=polish)
+        return with_earlier([self.poll()], settle(self.mapper, polish=polish))
 
 
 def map_frames(
@@ -109,10 +113,20 @@ def map_frames(
     try:
         retractions = mapper.update(frames)
         shot = None if mapper.failed else take_snapshot(mapper, radius_m)
-    except (RuntimeError, np.linalg.LinAlgError):
+    except UNSOLVABLE:
         mapper.mend()
         shot = None
     return Mapped(shot, tuple(retractions))
+
+
+def with_earlier(
+    answers: Iterable[Mapped | None], settled: Settled | None
+) -> Settled | None:
+    """Add what results took back that nobody has taken out."""
+    if settled is None:
+        return None
+    late = (r for mapped in answers if mapped is not None for r in mapped.retractions)
+    return replace(settled, retractions=(*late, *settled.retractions))
 
 
 def settle(mapper: Mapper, *, polish: bool) -> Settled | None:
@@ -126,6 +140,6 @@ def settle(mapper: Mapper, *, polish: bool) -> Settled | None:
         ids = list(mapper.cones)
         xy = np.array([mapper.cone_m(c) for c in ids]).reshape(-1, 2)
         cov = np.array([mapper.cone_cov_m2(c) for c in ids]).reshape(-1, 2, 2)
-    except (RuntimeError, np.linalg.LinAlgError):
+    except UNSOLVABLE:
         return None
     return Settled(path, tuple(retractions), np.array(ids, dtype=np.int64), xy, cov)

@@ -17,7 +17,13 @@ from collections.abc import Sequence
 from multiprocessing.connection import Connection
 
 from conegraph.backends.mapper import Mapper
-from conegraph.backends.mapping import Mapped, Settled, map_frames, settle
+from conegraph.backends.mapping import (
+    Mapped,
+    Settled,
+    map_frames,
+    settle,
+    with_earlier,
+)
 from conegraph.backends.tracked_frame import TrackedFrame
 from conegraph.config import Isam2Config, MotionConfig
 from conegraph.types import ConeMap, SensorModel
@@ -84,14 +90,13 @@ class ProcessMapping:
 
     def finish(self, *, polish: bool) -> Settled | None:
         """Let the process settle and end."""
-        while self._waiting:
-            self._take()
+        late = [self._take() for _ in range(self._waiting)]
         self._todo.put(polish)
         settled = self._done.get()
         self._thread.join()
         self._ours.close()
         self._process.join()
-        return settled if isinstance(settled, Settled) else None
+        return with_earlier(late, settled if isinstance(settled, Settled) else None)
 
     def _take(self) -> Mapped | None:
         self._waiting -= 1
@@ -100,16 +105,18 @@ class ProcessMapping:
 
     def _carry(self) -> None:
         """Carry questions and answers; a process that died answers nothing."""
-        while True:
-            item = self._todo.get()
+        item: Sequence[TrackedFrame] | bool = ()
+        alive = True
+        while not isinstance(item, bool):
+            item, answer = self._todo.get(), None
             try:
-                self._ours.send(item)
-                self._done.put(self._ours.recv())
+                if alive:
+                    self._ours.send(item)
+                    answer = self._ours.recv()
             except (EOFError, OSError):
+                alive = False
                 log.warning("the mapping process has ended; going on without it")
-                self._done.put(None)
-            if isinstance(item, bool):
-                return
+            self._done.put(answer)
 
 
 def _work(
@@ -134,5 +141,5 @@ def _work(
             speed_mps = abs(float(item[-1].state[3]))
             reach_m = radius_m + STALL_S * speed_mps
             pipe.send(map_frames(mapper, item, reach_m))
-        except EOFError:
+        except (EOFError, OSError):
             return

@@ -7,6 +7,9 @@ from collections.abc import Iterable
 import gtsam
 import numpy as np
 
+UNSOLVABLE = (RuntimeError, np.linalg.LinAlgError)
+"""What gtsam and numpy raise where a system has no solution."""
+
 WILDFIRE = 1e-3
 """Smallest change that is passed on through the tree."""
 

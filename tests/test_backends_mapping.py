@@ -22,7 +22,7 @@ from conegraph.eval.align import align_se2
 from conegraph.geometry import between, constant_twist, rotation, to_child, to_parent
 from conegraph.pipeline import for_source
 from conegraph.sources import open_source
-from conegraph.types import Array, Retraction, VelocityObservation
+from conegraph.types import Array, ConeMap, Retraction, VelocityObservation
 
 SIGMA_M = 0.05
 MOTION = MotionConfig(gyro_bias_sigma_radps=0.0)
@@ -128,13 +128,19 @@ def test_the_final_solution_is_that_of_the_whole_journal() -> None:
     np.testing.assert_allclose(paths[0], paths[1], atol=2e-4)
 
 
-def test_a_wrong_sighting_is_taken_back_a_second_later() -> None:
+def ring_with_a_wrong_sighting(k: int, i: int) -> list[TrackedFrame]:
+    """Return a lap in which sighting i of frame k is off by two metres."""
     frames = ring(1)
-    k, i = 60, 2
     xy = frames[k].xy_m.copy()
     xy[i] += [0.0, 2.0]
-    cone = int(frames[k].landmark_id[i])
     frames[k] = replace(frames[k], xy_m=xy)
+    return frames
+
+
+def test_a_wrong_sighting_is_taken_back_a_second_later() -> None:
+    k, i = 60, 2
+    frames = ring_with_a_wrong_sighting(k, i)
+    cone = int(frames[k].landmark_id[i])
     mapper = Mapper(Isam2Config(), MOTION)
     early = feed(mapper, frames[: k + 8])
     assert early == []
@@ -207,6 +213,52 @@ def test_a_process_maps_the_same_as_its_parent_would() -> None:
     assert settled[1] is not None
     np.testing.assert_array_equal(settled[0].xy_m, settled[1].xy_m)
     np.testing.assert_array_equal(settled[0].cov_m2, settled[1].cov_m2)
+
+
+def test_what_nobody_took_out_is_told_at_the_end() -> None:
+    frames, config = ring_with_a_wrong_sighting(20, 2)[:40], Isam2Config()
+    for mapping in (
+        InlineMapping(Mapper(config, MOTION), 30.0),
+        ProcessMapping(config, MOTION, None, None, 30.0),
+    ):
+        mapping.submit(frames)
+        settled = mapping.finish(polish=True)
+        assert settled is not None
+        (retraction,) = settled.retractions
+        assert retraction.observation.tolist() == [2]
+
+
+def test_a_frame_that_cannot_be_a_factor_ends_the_graph_and_nothing_else() -> None:
+    frames = ring(1)[:6]
+    step = frames[5].increment
+    assert step is not None
+    mapper = Mapper(Isam2Config(), MotionConfig())
+    assert map_frames(mapper, frames[:5], 20.0).snapshot is not None
+    singular = replace(frames[5], increment=replace(step, cov=np.zeros((3, 3))))
+    assert map_frames(mapper, [singular], 20.0) == Mapped(None, ())
+    assert mapper.failed
+
+
+@pytest.mark.parametrize("given_up", [100, 240])
+def test_a_cone_that_was_given_up_may_come_back(given_up: int) -> None:
+    """A car found again on a given map has all of its cones again."""
+    n = len(CONES)
+    cov = np.tile(1e-4 * np.eye(2), (n, 1, 1))
+    ids = np.arange(n)
+    known = ConeMap(ids, CONES, cov, np.full((n, 5), 0.2), ids)
+    frames, cone = ring(3)[: 2 * LAP + 80], 14
+    frames[given_up] = replace(frames[given_up], deleted=(cone,))
+    seen = [k for k, f in enumerate(frames) if cone in f.landmark_id.tolist()]
+    # Older frames are summed up between these; it is seen before and after.
+    assert not [k for k in seen if 240 <= k < 355]
+    assert seen[-1] > 355
+    mapper = Mapper(Isam2Config(), MOTION, known)
+    feed(mapper, frames)
+    assert KEEP < len(mapper.window) < len(frames) - 300
+    path, _ = mapper.settle(polish=True)
+    assert path is not None
+    assert len(path) == len(frames)
+    np.testing.assert_allclose(mapper.cone_m(cone), CONES[cone], atol=0.02)
 
 
 def test_a_killed_process_stops_nobody() -> None:
