@@ -178,13 +178,18 @@ class LandmarkBook:
         return (min(a, b), max(a, b)) in self._seen_together
 
 
-def _log_likelihood(class_prob: Array) -> Array:
-    """Return log p(observation | class), (k, 5), of reported class vectors (k, 5).
+def class_likelihood(class_prob: Array) -> Array:
+    """Return p(report | class), (n, 5) up to a factor, of reports (n, 5).
 
-    Under a colour c it is ``p_c + p_unknown / 4``; under "unknown" any colour is
+    Under a colour c it is ``p_c + p_unknown / 4``; under "unknown" every colour is
     as likely as another, so it is a quarter of the whole.
     """
-    likelihood = class_prob + 0.25 * class_prob[:, 4:]
-    likelihood[:, 4] = 0.25 * class_prob.sum(axis=1)
-    logs: Array = np.log(np.maximum(likelihood, LIKELIHOOD_FLOOR))
+    likelihood: Array = class_prob + 0.25 * class_prob[:, N_CLASSES - 1 :]
+    likelihood[:, N_CLASSES - 1] = 0.25 * class_prob.sum(axis=1)
+    return likelihood
+
+
+def _log_likelihood(class_prob: Array) -> Array:
+    """Return log p(report | class), (n, 5), never quite sure."""
+    logs: Array = np.log(np.maximum(class_likelihood(class_prob), LIKELIHOOD_FLOOR))
     return logs

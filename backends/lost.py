@@ -22,12 +22,9 @@ FITS_D2 = 13.8
 SLACK_M = 0.2
 """Error of the car's own pose from frame to frame."""
 
-BACK_AGAIN = 0.15
-"""Above the threshold by this much, the car counts as found."""
-
 
 class LostMonitor:
-    """Averages over half a second what share of the cones fits the map.
+    """Averages over `MEMORY_S` what share of the cones fits the map.
 
     Only places count: a wrong colour says that the detector erred, not that the car
     is elsewhere.

@@ -64,21 +64,12 @@ def put_car(
     map_ = fresh or map_
     _hold_all(map_)
     map_.filter.place_car(state, cov)
-    slot = _slots(map_, found.cone_id)
+    slot = map_.slots_of(found.cone_id)
     held = slot >= 0
     row = found.row[held]
     noise = DEPENDENT * found.seen.cov_m2[row]
     map_.filter.update_cones(slot[held], found.seen.xy_m[row], noise, None)
     return map_
-
-
-def _slots(map_: LocalMap, ids: IntArray) -> IntArray:
-    """(k,) the slots of the cones with these ids, -1 where the filter has none."""
-    held = map_.book.id[map_.row]
-    order = np.argsort(held)
-    place = np.minimum(np.searchsorted(held[order], ids), len(held) - 1)
-    slot = order[place]
-    return np.where(held[slot] == ids, slot, -1).astype(np.int64)
 
 
 def _hold_all(map_: LocalMap) -> None:

@@ -14,7 +14,6 @@ from conegraph.backends.pairing import Pairs
 from conegraph.backends.pairing_problem import ClusterVerdict
 from conegraph.backends.put_car import Found, put_car
 from conegraph.backends.relocalize import (
-    Relocalisation,
     Relocaliser,
     RelocaliserConfig,
     same_place,
@@ -126,7 +125,7 @@ class Recovery:
             return map_
         self._driven_m += moved_m
         if self._window.seconds > LONGEST_WINDOW_S:
-            self._window = self._make_window()
+            self._window, self._earlier = self._make_window(), None
         self._window.add(frame)
         early = frame.stamp_s - self._searched_s < self._config.search_period_s
         if early or self._window.frames < LEAST_FRAMES:
@@ -191,20 +190,24 @@ class Recovery:
         best = result.best
         if best is None or not result.accepted:
             return None
-        agrees = self._agrees(result, window.vehicle[:3])
+        agrees = self._agrees(best.pose, window.vehicle[:3])
         if best.probability <= self._config.reset_probability and not agrees:
             return None
         ids = relocaliser.cone_map.id[best.cone]
         return Found(best.pose, seen, best.row, ids)
 
-    def _agrees(self, result: Relocalisation, local: Array) -> bool:
-        """Whether an accepted result confirms the one accepted before it."""
-        best = result.hypotheses[0].pose
-        earlier, self._earlier = self._earlier, (best, local)
+    def _agrees(self, pose: Array, local: Array) -> bool:
+        """Whether a pose confirms the one found before it in the same window.
+
+        Args:
+            pose: (3,) of the car in the world.
+            local: (3,) of the car in the window.
+        """
+        earlier, self._earlier = self._earlier, (pose, local)
         if earlier is None:
             return False
         expected = compose(earlier[0], between(earlier[1], local))
-        return bool(same_place(best, expected)[0])
+        return bool(same_place(pose, expected)[0])
 
     def _move(self, map_: LocalMap, found: Found, window: LocalWindow) -> LocalMap:
         """Put the car where it was found, at the speed that the window gives."""

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from conegraph.types import N_CLASSES, Array, ConeObservations
+from conegraph.backends.landmarks import class_likelihood
+from conegraph.types import Array, ConeObservations
 
 STANDING = np.zeros((1, 3))
 """The only place to have looked from in a single frame: where the car is."""
@@ -41,14 +42,3 @@ class Sightings:
         return Sightings(
             frame.xy_m, frame.cov_m2, class_likelihood(frame.class_prob), STANDING
         )
-
-
-def class_likelihood(class_prob: Array) -> Array:
-    """Return p(report | class), (n, 5) up to a factor, of reports (n, 5).
-
-    Under a colour c it is ``p_c + p_unknown / 4``; under "unknown" every colour is
-    as likely as another, so it is a quarter of the whole.
-    """
-    likelihood: Array = class_prob + 0.25 * class_prob[:, N_CLASSES - 1 :]
-    likelihood[:, N_CLASSES - 1] = 0.25 * class_prob.sum(axis=1)
-    return likelihood

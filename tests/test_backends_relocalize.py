@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from conegraph.backends.cone_index import REACH_M, ConeIndex
+from conegraph.backends.landmarks import class_likelihood
 from conegraph.backends.pose_candidates import candidate_poses
 from conegraph.backends.pose_score import (
     CLUTTER_PER_M2,
@@ -19,7 +20,7 @@ from conegraph.backends.pose_score import (
     refine,
 )
 from conegraph.backends.relocalize import Relocaliser, same_place, verify_closure
-from conegraph.backends.sightings import STANDING, Sightings, class_likelihood
+from conegraph.backends.sightings import STANDING, Sightings
 from conegraph.geometry import compose, to_child
 from conegraph.types import (
     Array,
