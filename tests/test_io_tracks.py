@@ -190,6 +190,8 @@ def test_map_csv_as_a_map(tmp_path: Path) -> None:
         ("1,1,2,blue,1,2,1", "covariance"),
         ("0,1,2,blue,1,0,1", "id occurs twice"),
         ("1.5,1,2,blue,1,0,1", "id is not a whole number"),
+        ("-1,1,2,blue,1,0,1", "id is not a whole number"),
+        ("1e30,1,2,blue,1,0,1", "id is not a whole number"),
     ],
 )
 def test_a_map_must_be_whole(tmp_path: Path, row: str, said: str) -> None:

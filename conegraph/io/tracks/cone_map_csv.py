@@ -22,6 +22,9 @@ COLUMNS = ("x", "y", "class")
 DEFAULT_SIGMA_M = 0.05
 """How well a surveyed map is taken to be known where it does not say."""
 
+EXACT = 2**53
+"""Whole numbers below this are told apart in a float."""
+
 
 def read_map_track(path: Path) -> TrackLayout:
     """Read ``x,y,class`` as a track; bad rows are counted, other columns ignored.
@@ -76,7 +79,8 @@ def _whole(table: Table, name: str, default: IntArray) -> IntArray:
     if name not in table:
         return default
     number, sound, _ = whole_numbers(table, name)
-    _demand(table, sound, f"{name} is not a whole number")
+    sound &= (number >= 0) & (number < EXACT)
+    _demand(table, sound, f"{name} is not a whole number from 0 on")
     return number.astype(np.int64)
 
 
