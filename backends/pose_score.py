@@ -76,14 +76,12 @@ class ScoredPoses:
         cov: (h, 3, 3) their covariances.
         log_likelihood: (h,) over "all that is seen is clutter", natural log.
         cone: (h, n) the cone that each sighting shows, M for none.
-        missing: (h,) cones expected in view and not seen, weighed by how surely.
     """
 
     pose: Array
     cov: Array
     log_likelihood: Array
     cone: IntArray
-    missing: Array
 
     def take(self, rows: IntArray) -> ScoredPoses:
         """Return the poses in the rows."""
@@ -92,7 +90,6 @@ class ScoredPoses:
             self.cov[rows],
             self.log_likelihood[rows],
             self.cone[rows],
-            self.missing[rows],
         )
 
 
@@ -156,7 +153,6 @@ def refine(
         np.asarray(np.linalg.inv(H), dtype=np.float64),
         gains.sum(axis=1) + np.log(REMOVED + (1.0 - REMOVED) * missed).sum(axis=1),
         cone,
-        (1.0 - missed).sum(axis=1),
     )
 
 
