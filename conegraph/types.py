@@ -237,6 +237,16 @@ class ConeMap:
         best: IntArray = self.class_prob.argmax(axis=1).astype(np.int64)
         return best
 
+    def subset(self, keep: NDArray[np.bool_] | IntArray) -> ConeMap:
+        """Return the rows that ``keep`` (mask or indices) selects."""
+        return ConeMap(
+            self.id[keep],
+            self.xy_m[keep],
+            self.cov_m2[keep],
+            self.class_prob[keep],
+            self.observations[keep],
+        )
+
     @staticmethod
     def empty() -> ConeMap:
         """A map without cones."""

@@ -12,18 +12,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import LinearRing
 
-from conegraph.bench.track import (
+from conegraph.bench.track import Score, bench_track
+from conegraph.bench.track_hard import hairpin, hard_cases, map_of
+from conegraph.bench.track_judge import (
     ahead_right,
-    course_of,
     edges_right,
     road_iou,
     wrong_map,
 )
-from conegraph.bench.track_hard import hairpin, hard_cases, map_of
 from conegraph.bench.track_truth import (
     KnownTrack,
     Spoil,
     closed_tracks,
+    course_of,
     known_track,
     moved,
     random_tracks,
@@ -38,20 +39,10 @@ from conegraph.track.live import LiveTrack
 from conegraph.track.road import signed_area
 from conegraph.track.shapes import road_polygon, road_raster
 from conegraph.track.thesis import thesis_order
-from conegraph.types import ConeMap, IntArray, Mask
+from conegraph.types import ConeMap
 
 OVAL = known_track(built_in_track("oval", 0))
 RANDOM = random_tracks([3])[0]
-
-
-def rows(cone_map: ConeMap, keep: Mask | IntArray) -> ConeMap:
-    return ConeMap(
-        cone_map.id[keep],
-        cone_map.xy_m[keep],
-        cone_map.cov_m2[keep],
-        cone_map.class_prob[keep],
-        cone_map.observations[keep],
-    )
 
 
 @pytest.mark.parametrize("truth", [OVAL, RANDOM], ids=lambda t: t.name)
@@ -96,7 +87,7 @@ def test_neither_order_nor_frame_nor_direction_changes_the_answer(
     cones = truth.cone_map()
     first = detect_track(cones)
     mixed = np.random.default_rng(seed).permutation(len(cones))
-    again = detect_track(rows(cones, mixed))
+    again = detect_track(cones.subset(mixed))
     assert edges_right(first, truth) == (len(cones), len(cones))
     assert again.left_id.tolist() == first.left_id.tolist()
     assert again.right_id.tolist() == first.right_id.tolist()
@@ -172,7 +163,7 @@ def test_the_lane_ahead_of_a_car_is_found(colour: bool) -> None:
 
 def test_half_a_map_is_an_open_track() -> None:
     cones = OVAL.cone_map()
-    half = rows(cones, cones.xy_m[:, 0] > 5.0)
+    half = cones.subset(cones.xy_m[:, 0] > 5.0)
     track = detect_track(half)
     assert not track.closed
     assert len(track.left) + len(track.right) == len(half)
@@ -218,13 +209,13 @@ def test_what_did_not_change_is_not_found_again() -> None:
     jitter = replace(cones, xy_m=cones.xy_m + 0.01)
     assert live.update_map(jitter, pose) is whole
     assert live.update_pose(pose + 0.01) is ahead
-    assert live.update_map(rows(cones, np.arange(len(cones)) != 4), pose) is not whole
+    assert live.update_map(cones.subset(np.arange(len(cones)) != 4), pose) is not whole
 
 
 def test_new_cones_leave_the_rest_of_the_road_as_it_was() -> None:
     cones = RANDOM.cone_map()
     later = np.isin(np.arange(len(cones)), RANDOM.left[20:23])
-    first = detect_track(rows(cones, ~later))
+    first = detect_track(cones.subset(~later))
     second = detect_track(cones, previous=first)
     kept = {tuple(t) for t in first.triangle_id.tolist()}
     fresh = [t for t in second.triangle_id.tolist() if tuple(t) not in kept]
@@ -259,3 +250,17 @@ def test_real_layouts_come_out(data_dir: Path) -> None:
         if why:
             wrong[truth.name] = why
     assert wrong == {}
+
+
+def test_what_was_not_measured_meets_no_target() -> None:
+    figure = Score("maps", 1.0, 0.9, True, 0).figure()
+    assert (figure.measured, figure.met) == ("not measured", None)
+
+
+def test_a_line_that_is_not_found_is_infinitely_far_off() -> None:
+    # Where every cone is yellow there is no lane.
+    lone = replace(OVAL, cone_class=np.ones(len(OVAL.xy_m), dtype=np.int64))
+    scores = {s.name: s for s in bench_track([lone], [0], TrackConfig())}
+    line = scores["centre line RMS m, clean"]
+    assert (line.value, line.met, line.count) == (np.inf, False, 1)
+    assert line.failures == ("oval, seed 0: no line",)

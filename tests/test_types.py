@@ -90,6 +90,22 @@ def test_nothing_seen_keeps_the_columns() -> None:
     assert ConeMap.empty().cov_m2.shape == (0, 2, 2)
 
 
+def test_a_map_s_subset_keeps_every_column_of_its_rows() -> None:
+    n = np.arange(3)
+    whole = ConeMap(
+        n + 5,
+        np.array([[0.5, 0.5], [1.5, -0.5], [2.5, -1.5]]),
+        (n + 1.0)[:, None, None] * np.eye(2),
+        np.eye(5)[:3],
+        n + 7,
+    )
+    part = whole.subset(np.array([2, 0]))
+    for name in ("id", "xy_m", "cov_m2", "class_prob", "observations"):
+        column = getattr(whole, name)
+        np.testing.assert_array_equal(getattr(part, name), column[[2, 0]])
+    assert len(whole.subset(np.zeros(3, dtype=bool))) == 0
+
+
 def test_subset_takes_masks_and_indices_row_by_row() -> None:
     cones = observations()
     by_mask = cones.subset(np.array([True, False, True]))

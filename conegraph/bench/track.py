@@ -8,34 +8,38 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from shapely import LinearRing, Polygon
-from shapely.geometry.base import BaseGeometry
 
-from conegraph.bench.figure import Figure
+from conegraph.bench.figure import Figure, not_measured
 from conegraph.bench.track_hard import hard_cases
+from conegraph.bench.track_judge import (
+    ahead_right,
+    all_edges,
+    edges_right,
+    off_line_m,
+    road_iou,
+    without_gate,
+    wrong_map,
+)
 from conegraph.bench.track_truth import (
     KnownTrack,
     Spoil,
+    course_of,
     spoiled,
     window,
 )
 from conegraph.config import TrackConfig
 from conegraph.geometry import compose
-from conegraph.sim.polyline import nearest
-from conegraph.track import Track, detect_track
-from conegraph.track.shapes import road_polygon
-from conegraph.types import Array, ConeClass, ConeMap, IntArray
+from conegraph.track import detect_track
+from conegraph.types import Array, ConeMap
 
 WINDOW_M = 20.0
 STEPS = 5
 """How often `bench_track` reports progress."""
 _POSES = 10
 _REPEATS = 5
-_AHEAD_M = 10.0
-_OFF_M = 1.0
 _SPOILS = {
     "10 % missing": (Spoil(missing=0.10), 0.94),
     "5 % false": (Spoil(false=0.05), 0.94),
@@ -69,10 +73,12 @@ class Score:
 
     def figure(self) -> Figure:
         """Return it as a row of a table."""
-        sign = "≥" if self.at_least else "≤"
+        target = f"{'≥' if self.at_least else '≤'} {self.target:g}"
+        if self.count == 0:
+            return not_measured(self.name, target)
         return Figure(
             self.name,
-            f"{sign} {self.target:g}",
+            target,
             f"{self.value:.3f} (n {self.count})",
             self.met,
             {"value": self.value, "n": float(self.count)},
@@ -101,8 +107,8 @@ def _full(
     for truth in tracks:
         track = detect_track(truth.cone_map(), config=config)
         right, of = edges_right(track, truth)
-        iou = road_iou(track, _without_gate(truth, track))
-        if not (right == of and _all_edges(track, truth) and iou >= 0.995):
+        iou = road_iou(track, without_gate(truth, track))
+        if not (right == of and all_edges(track, truth) and iou >= 0.995):
             bad.append(f"{truth.name}: {right}/{of} edges, IoU {iou:.3f}")
     yield _share("clean maps, all edges right, IoU >= .995", bad, len(tracks), 1.0)
     for name, (spoil, target) in _SPOILS.items():
@@ -145,19 +151,25 @@ def _windows(
 def _lines(
     tracks: Sequence[KnownTrack], seeds: Sequence[int], config: TrackConfig
 ) -> Iterator[Score]:
-    """RMS of the centre line's distance to the true one, where that is given."""
+    """RMS of the centre line's distance to the true one, where that is given.
+
+    A line that is not found is infinitely far off.
+    """
     given = [t for t in tracks if t.given_line]
     for name, noise_m, target in (("clean", 0.0, 0.07), ("0.1 m noise", 0.1, 0.12)):
-        square = []
+        square, bad = [], []
         for truth in given:
             for seed in seeds if noise_m else seeds[:1]:
                 rng = np.random.default_rng([seed, 6])
                 seen = spoiled(truth, Spoil(noise_m=noise_m), rng)
-                track = detect_track(seen.cone_map(), config=config)
-                if len(track.centerline):
-                    square.append(_off_line(track.centerline.xy_m, truth) ** 2)
+                line = detect_track(seen.cone_map(), config=config).centerline
+                if len(line) == 0:
+                    bad.append(f"{truth.name}, seed {seed}: no line")
+                off = off_line_m(line.xy_m, truth) if len(line) else np.array([np.inf])
+                square.append(off**2)
         value = float(np.sqrt(np.concatenate(square).mean())) if square else np.nan
-        yield Score(f"centre line RMS m, {name}", value, target, False, len(square))
+        what = f"centre line RMS m, {name}"
+        yield Score(what, value, target, False, len(square), tuple(bad))
 
 
 def _times(
@@ -183,121 +195,6 @@ def _hard(
     cases = hard_cases(seeds[0])
     bad = [name for name, right in cases if not right(config)]
     yield _share("hard cases right or unsure", bad, len(cases), 1.0)
-
-
-def course_of(cones: int) -> KnownTrack:
-    """Return a round course with a wavy lane of 3.5 m and so many cones."""
-    per_side = cones // 2
-    angle = 2 * np.pi * np.arange(per_side) / per_side
-    radius = 3.5 * per_side / (2 * np.pi)
-    around = np.column_stack([np.cos(angle), np.sin(angle)])
-    wave = radius + 0.05 * radius * np.sin(7 * angle)
-    sides = [around * (wave + off)[:, None] for off in (-1.75, 1.75)]
-    order = np.arange(2 * per_side)
-    kind = np.repeat([ConeClass.BLUE, ConeClass.YELLOW], per_side).astype(np.int64)
-    left, right = order[:per_side], order[per_side:]
-    line = around * wave[:, None]
-    return KnownTrack(
-        f"{cones} cones", np.vstack(sides), kind, left, right, line, True, True
-    )
-
-
-def edges_right(track: Track, truth: KnownTrack) -> tuple[int, int]:
-    """Return how many directed edges of the boundaries are true ones, and of how many.
-
-    Gate cones stand beside the boundary as often as on it: one that is left out
-    breaks no edge.
-    """
-    right = count = 0
-    for chain, true in ((track.left, truth.left), (track.right, truth.right)):
-        kept = _kept(truth, true, chain)
-        following = dict(zip(kept.tolist(), np.roll(kept, -1).tolist(), strict=True))
-        pairs = list(zip(chain.tolist(), np.roll(chain, -1).tolist(), strict=True))
-        pairs = pairs if track.closed else pairs[:-1]
-        count += len(pairs)
-        right += sum(following.get(a) == b for a, b in pairs)
-    return right, count
-
-
-def _kept(truth: KnownTrack, true: IntArray, chain: IntArray) -> IntArray:
-    """Return a true boundary without the gate cones that a found one leaves out."""
-    gate = truth.cone_class[true] >= ConeClass.ORANGE
-    return np.asarray(true[~gate | np.isin(true, chain)])
-
-
-def _without_gate(truth: KnownTrack, track: Track) -> KnownTrack:
-    """Return the truth without the gate cones that a track leaves out."""
-    left = _kept(truth, truth.left, track.left)
-    return replace(truth, left=left, right=_kept(truth, truth.right, track.right))
-
-
-def _all_edges(track: Track, truth: KnownTrack) -> bool:
-    """Return whether no cone of a true boundary is left out, gate cones excepted."""
-    for chain, true in ((track.left, truth.left), (track.right, truth.right)):
-        needed = true[truth.cone_class[true] <= ConeClass.YELLOW]
-        if not np.isin(needed, chain).all():
-            return False
-    return track.closed == truth.closed
-
-
-def road_iou(track: Track, truth: KnownTrack) -> float:
-    """Return the overlap of the road with the true one: intersection over union."""
-    true = _ring(truth.xy_m, truth.left, truth.right)
-    road = road_polygon(track).buffer(0)
-    return float(road.intersection(true).area / road.union(true).area)
-
-
-def wrong_map(track: Track, truth: KnownTrack) -> str:
-    """Return what is wrong with a map, "" if it is right.
-
-    Right: closed, boundaries simple and not crossing, IoU with the unspoilt road
-    above 0.9.
-    """
-    if not track.closed:
-        return track.reason or "open"
-    left, right = LinearRing(track.left_m), LinearRing(track.right_m)
-    if not (left.is_simple and right.is_simple):
-        return "boundary crosses itself"
-    if left.intersects(right):
-        return "boundaries cross"
-    iou = road_iou(track, truth)
-    return "" if iou > 0.9 else f"IoU {iou:.2f}"
-
-
-def ahead_right(track: Track, truth: KnownTrack, pose: Array) -> bool:
-    """Return whether the line runs 10 m ahead of a car, within 1 m of the true one."""
-    line = track.centerline.xy_m
-    if len(line) < 3:
-        return False
-    away = np.hypot(*(line - pose[:2]).T)
-    if track.closed:
-        line = np.roll(line, -int(np.argmin(away)), axis=0)
-    else:
-        line = line[int(np.argmin(away)) :]
-    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
-    s += float(np.hypot(*(line[0] - pose[:2])))
-    first = line[s <= _AHEAD_M]
-    if s[-1] < _AHEAD_M or len(first) < 3:
-        return False
-    way = first[-1] - pose[:2]
-    forward = way @ (np.cos(pose[2]), np.sin(pose[2])) > -_AHEAD_M / 2
-    return bool(forward and _off_line(first, truth).max() < _OFF_M)
-
-
-def _off_line(xy: Array, truth: KnownTrack) -> Array:
-    """Return how far points are off the true line, across it."""
-    line = truth.line_m
-    _, index = nearest(xy, line)
-    forward = np.roll(line, -1, axis=0) - np.roll(line, 1, axis=0)
-    forward /= np.hypot(*forward.T)[:, None]
-    off = xy - line[index]
-    t = forward[index]
-    return np.asarray(np.abs(t[:, 0] * off[:, 1] - t[:, 1] * off[:, 0]))
-
-
-def _ring(xy: Array, left: IntArray, right: IntArray) -> BaseGeometry:
-    a, b = (Polygon(xy[side]).buffer(0) for side in (left, right))
-    return a.difference(b) if a.area > b.area else b.difference(a)
 
 
 def _share(name: str, bad: list[str], count: int, target: float) -> Score:

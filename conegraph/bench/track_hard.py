@@ -122,13 +122,7 @@ def hard_cases(seed: int) -> list[Case]:
     def shuffled(config: TrackConfig) -> bool:
         cones = map_of(*ring)
         mixed = rng.permutation(len(cones))
-        again = ConeMap(
-            cones.id[mixed],
-            cones.xy_m[mixed],
-            cones.cov_m2[mixed],
-            cones.class_prob[mixed],
-            cones.observations[mixed],
-        )
+        again = cones.subset(mixed)
         a, b = (detect_track(m, config=config) for m in (cones, again))
         return bool((a.left_id == b.left_id).all() and (a.right_id == b.right_id).all())
 

@@ -132,6 +132,23 @@ def random_tracks(seeds: Sequence[int]) -> list[KnownTrack]:
     return tracks
 
 
+def course_of(cones: int) -> KnownTrack:
+    """Return a round course with a wavy lane of 3.5 m and so many cones."""
+    per_side = cones // 2
+    angle = 2 * np.pi * np.arange(per_side) / per_side
+    radius = 3.5 * per_side / (2 * np.pi)
+    around = np.column_stack([np.cos(angle), np.sin(angle)])
+    wave = radius + 0.05 * radius * np.sin(7 * angle)
+    sides = [around * (wave + off)[:, None] for off in (-1.75, 1.75)]
+    order = np.arange(2 * per_side)
+    kind = np.repeat([ConeClass.BLUE, ConeClass.YELLOW], per_side).astype(np.int64)
+    left, right = order[:per_side], order[per_side:]
+    line = around * wave[:, None]
+    return KnownTrack(
+        f"{cones} cones", np.vstack(sides), kind, left, right, line, True, True
+    )
+
+
 def _lane_m(track: KnownTrack) -> float:
     away, _ = nearest(track.xy_m[track.left], track.xy_m[track.right])
     return float(np.median(away))

@@ -203,7 +203,6 @@ def _followers(xy: Array, side: IntArray, n: int) -> tuple[IntArray, IntArray]:
     """
     points = xy[side]
     m = len(points)
-    k = np.arange(2, min(_NEIGHBOURS + 1, m) + 1)
     a, b = neighbours(points)
     near_by = np.hypot(*(points[a] - points[b]).T) < BRIDGE_M
     pairs = [np.stack([a[near_by], b[near_by]])]

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from conegraph.config import Roles, TrackConfig
+from conegraph.geometry import wrap_angle
 from conegraph.track.detect import detect_track
 from conegraph.track.model import Track
-from conegraph.types import Array, ConeMap, Mask
+from conegraph.types import Array, ConeMap
 
 AHEAD_M = 22.0
 """How far the lane ahead of the car is looked for at every frame."""
@@ -28,6 +29,7 @@ class LiveTrack:
     def __init__(
         self, config: TrackConfig | None = None, roles: Roles | None = None
     ) -> None:
+        """Start without a map."""
         self._config = config
         self._roles = roles
         self._map = ConeMap.empty()
@@ -51,7 +53,7 @@ class LiveTrack:
         away = self._map.xy_m - pose[:2]
         forward = away @ (np.cos(pose[2]), np.sin(pose[2]))
         near = (np.hypot(*away.T) < AHEAD_M) & (forward > -_BEHIND_M)
-        self.ahead = self._detect(_part(self._map, near), pose, self.ahead)
+        self.ahead = self._detect(self._map.subset(near), pose, self.ahead)
         return self.ahead
 
     def _detect(self, cone_map: ConeMap, pose: Array, previous: Track) -> Track:
@@ -72,15 +74,5 @@ class LiveTrack:
         if self._pose is None or not np.isfinite(pose).all():
             return self._pose is not None
         step = pose - self._pose
-        turn = abs((step[2] + np.pi) % (2 * np.pi) - np.pi)
+        turn = abs(float(wrap_angle(step[2])))
         return bool(np.hypot(step[0], step[1]) < _DRIVEN_M and turn < _TURNED_RAD)
-
-
-def _part(cone_map: ConeMap, keep: Mask) -> ConeMap:
-    return ConeMap(
-        cone_map.id[keep],
-        cone_map.xy_m[keep],
-        cone_map.cov_m2[keep],
-        cone_map.class_prob[keep],
-        cone_map.observations[keep],
-    )

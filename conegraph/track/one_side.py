@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from conegraph.geometry import to_child
 from conegraph.track.centerline import offset_line
 from conegraph.track.cones import Cones
-from conegraph.track.model import CenterLine, Track
+from conegraph.track.model import Track
 from conegraph.types import Array, ConeMap, IntArray
 
 HALF_LANE_M = 1.75
@@ -53,14 +55,7 @@ def one_sided(cone_map: ConeMap, cones: Cones, pose: Array | None) -> Track:
         rows if side == 0 else none,
         rows if side == 1 else none,
         np.zeros((0, 3), dtype=np.int64),
-        CenterLine(
-            line.s_m,
-            line.xy_m + cones.origin_m,
-            line.heading_rad,
-            line.curvature_1pm,
-            line.left_m,
-            line.right_m,
-        ),
+        replace(line, xy_m=line.xy_m + cones.origin_m),
         closed=False,
         confidence=_CONFIDENCE,
         reason="only one side is seen",

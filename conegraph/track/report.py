@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -63,14 +64,6 @@ def finished(
     reason = ", ".join(k for k, v in factors.items() if v < 0.9)
     if confidence < _DOUBTFUL:
         return Track.unknown(reason, cone_map.id, cone_map.xy_m, unused)
-    moved = CenterLine(
-        line.s_m,
-        line.xy_m + cones.origin_m,
-        line.heading_rad,
-        line.curvature_1pm,
-        line.left_m,
-        line.right_m,
-    )
     bridges = [
         bridge
         for side, chain in (("left", left), ("right", right))
@@ -83,7 +76,7 @@ def finished(
         rows[left],
         rows[right],
         rows[triangles],
-        moved,
+        replace(line, xy_m=line.xy_m + cones.origin_m),
         closed,
         confidence,
         reason,
