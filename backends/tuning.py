@@ -49,8 +49,9 @@ PRIOR_SIGMA = 0.5
 too small to be seen beside the sensor's has a likelihood that is flat far upwards of
 the truth; what a log says little of stays near where it was."""
 
-LEAST_SEEN_AGAIN = 100
-"""Sightings of cones that were seen before, two numbers each."""
+LEAST_DOF = 200
+"""Degrees of freedom of the first run's innovations: with noise far too small most of
+its cones are not settled yet, so that few of those are no reason to refuse."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,7 +199,7 @@ def _parameters(
     seen = [e for e in settled.events if isinstance(e, SettledFrame)]
     xy = np.vstack([np.zeros((0, 2)), *(e.observations.xy_m for e in seen)])
     cones = {cone for e in seen for cone in e.landmark_id.tolist()}
-    if len(xy) - len(cones) < LEAST_SEEN_AGAIN:
+    if settled.nis[:, 1].sum() < LEAST_DOF or len(xy) == len(cones):
         raise SourceError(
             f"too few cones were seen again to tune on: {len(xy)} matched sightings "
             f"in {len(seen)} frames"
