@@ -121,7 +121,7 @@ class MotionConfig(Section):
     gyro_bias_sigma_radps: NonNegative | None = None
     """Prior on the bias of odometry's yaw rate; 0 leaves it out; left out, the
     source's, or else 0.01, a cheap gyro's."""
-    gyro_bias_walk: NonNegative = 3e-4
+    gyro_bias_walk: NonNegative = 1e-4
     """Random walk of that bias, rad/s per square root of second."""
     start_speed_sigma_mps: NonNegative = 2.0
     """Doubt about standing still at the first frame; the thesis has none."""
