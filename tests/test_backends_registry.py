@@ -86,7 +86,7 @@ def test_a_missing_module_of_our_own_is_not_called_a_package(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setitem(BACKENDS, "ekf", "conegraph.backends.nowhere:EkfBackend")
-    with pytest.raises(ModuleNotFoundError, match="conegraph.backends.nowhere"):
+    with pytest.raises(ModuleNotFoundError, match=r"conegraph\.backends\.nowhere"):
         make_backend(EkfConfig())
 
 
