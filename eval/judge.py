@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,7 @@ from conegraph.eval.trajectory_metrics import (
 )
 from conegraph.geometry import between
 from conegraph.io.run_folder import RunFolder
-from conegraph.types import IntArray, Trajectory, TruthMap
+from conegraph.types import IntArray, Status, Trajectory, TruthMap
 
 OBSERVABLE_AFTER = 3
 """A cone that the sensor reported this often is one that a map should hold."""
@@ -85,6 +85,9 @@ def evaluate(
 ) -> RunMetrics:
     """Compare a run with the truth.
 
+    Poses from before the car was found elsewhere on its map are of no frame: paths
+    are judged from there on, and a warning says so. Later jumps count as errors.
+
     Args:
         run: what the run wrote.
         truth: what there is to compare with.
@@ -93,6 +96,7 @@ def evaluate(
     Raises:
         ValueError: the true ids are not as many as the association rows.
     """
+    run, unplaced = _since_found(run)
     causal = _path_metrics(run.trajectory, truth.trajectory)
     cones = None
     if truth.cones is not None:
@@ -115,9 +119,33 @@ def evaluate(
         closures=closure_metrics(run.summary),
         latency_ms=latency_stats(run.timing_ms),
         status=status_metrics(run.status),
-        warnings=(*_truth_warnings(truth), *_run_warnings(run, causal, truth)),
+        warnings=(
+            *_truth_warnings(truth),
+            *_run_warnings(run, causal, truth),
+            *_status_warnings(run, unplaced),
+        ),
         pose_consistency=_pose_consistency(run, causal, truth.trajectory),
     )
+
+
+def _since_found(run: RunFolder) -> tuple[RunFolder, int]:
+    """Leave out the poses before a first jump, if none was trusted; return how many."""
+    status = run.status
+    jumped = np.flatnonzero(status.reset_counter > 0)
+    if len(jumped) == 0:
+        return run, 0
+    first = int(jumped[0])
+    if np.isin(status.status[:first], (Status.OK.value, Status.DEGRADED.value)).any():
+        return run, 0
+    since_s = float(status.stamp_s[first])
+    smoothed = None if run.smoothed is None else _since(run.smoothed, since_s)
+    found = replace(run, trajectory=_since(run.trajectory, since_s), smoothed=smoothed)
+    return found, len(run.trajectory) - len(found.trajectory)
+
+
+def _since(path: Trajectory, stamp_s: float) -> Trajectory:
+    later = path.stamp_s >= stamp_s
+    return Trajectory(path.stamp_s[later], path.pose[later])
 
 
 def _pose_consistency(
@@ -181,4 +209,20 @@ def _run_warnings(
             f"{causal.left_out} of {len(run.trajectory)} poses have no truth: outside "
             f"its time, or in a gap of more than {MAX_TRUTH_GAP_S} s"
         )
+    return warnings
+
+
+def _status_warnings(run: RunFolder, unplaced: int) -> list[str]:
+    """Say where the run itself did not know where the car is."""
+    frames, warnings = len(run.status), []
+    if unplaced:
+        warnings.append(
+            f"{unplaced} of {frames} frames passed until the car was found on the map: "
+            "their poses are not judged"
+        )
+    lost = int((run.status.status == Status.LOST.value).sum())
+    if lost:
+        warnings.append(f"the car was LOST in {lost} of {frames} frames")
+    if frames and (run.status.status == Status.INIT.value).all():
+        warnings.append(f"the status was INIT to the end: {run.status.reason[-1]}")
     return warnings

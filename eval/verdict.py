@@ -119,7 +119,8 @@ def _alone(
     elif _any_map(metrics):
         parts.append("the map does not fit the truth anywhere")
     if path_error:
-        parts.append(f"the path {path_error[name]:.3f} m (aligned ATE while driving)")
+        error_m = path_error[name]
+        parts.append(f"the path is {error_m:.3f} m off (aligned ATE while driving)")
     return f"{name}: {' and '.join(parts)}." if parts else f"{name}: no figure."
 
 

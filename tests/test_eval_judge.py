@@ -186,6 +186,48 @@ def test_what_is_odd_about_a_run_is_said() -> None:
     assert said == ("no pose of the run lies within the true trajectory's time",)
 
 
+def test_poses_before_the_car_was_found_on_its_map_are_left_out() -> None:
+    run, truth = perfect_run()
+    assert run.trajectory is not None
+    pose = run.trajectory.pose.copy()
+    pose[:20] += [50.0, 0.0, 1.0]
+    path = Trajectory(run.trajectory.stamp_s, pose)
+    status = replace(
+        run.status,
+        status=np.repeat(["INIT", "LOST", "OK"], [15, 5, 880]),
+        reset_counter=np.repeat([0, 1], [20, 880]),
+    )
+    found = evaluate(replace(run, trajectory=path, smoothed=path, status=status), truth)
+    for errors in (found.trajectory, found.smoothed):
+        assert errors is not None
+        assert errors.poses == 880
+        assert errors.ate_first_pose.max_m == pytest.approx(0.0, abs=1e-9)
+    assert found.status.by_status["INIT"] == 15
+    assert found.warnings == (
+        "20 of 900 frames passed until the car was found on the map: their poses are "
+        "not judged",
+        "the car was LOST in 5 of 900 frames",
+    )
+    # A car that was trusted before it jumped was wrong, and that counts.
+    trusted = replace(status, status=np.repeat(["INIT", "OK"], [10, 890]))
+    jumped = evaluate(replace(run, trajectory=path, status=trusted), truth)
+    assert jumped.trajectory is not None
+    assert jumped.trajectory.poses == 900
+    assert jumped.trajectory.ate_as_written.max_m > 40.0
+
+
+def test_a_run_says_when_it_did_not_know_where_the_car_was() -> None:
+    run, truth = perfect_run()
+    lost = replace(run.status, status=np.repeat(["OK", "LOST"], [899, 1]))
+    said = evaluate(replace(run, status=lost), truth).warnings
+    assert said == ("the car was LOST in 1 of 900 frames",)
+    unsure = replace(
+        run.status, status=np.full(900, "INIT"), reason=("no cones yet",) * 900
+    )
+    said = evaluate(replace(run, status=unsure), truth).warnings
+    assert said == ("the status was INIT to the end: no cones yet",)
+
+
 def test_all_figures_become_json() -> None:
     run, truth = perfect_run()
     text = json.dumps(evaluate(run, truth).to_dict(), allow_nan=False)

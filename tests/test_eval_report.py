@@ -142,7 +142,7 @@ def test_one_run_is_described_and_nothing_is_compared() -> None:
     comparison = compare(judged(truth, ekf=off_by(run, 0.1, 0.2)))
     assert comparison.verdict == (
         "ekf: the map is 0.100 m off (aligned RMSE, recall 1.000, precision 1.000) "
-        "and the path 0.200 m (aligned ATE while driving)."
+        "and the path is 0.200 m off (aligned ATE while driving)."
     )
     assert not any(row.best for row in comparison.rows)
     assert compare({}).verdict == "Nothing was run, so there is nothing to compare."
