@@ -72,6 +72,10 @@ class LapCounter:
         """Forget the last pose: from it to the next no line is crossed."""
         self._previous = None
 
+    def restart(self) -> None:
+        """Forget every crossing: the car never drove where it was thought to be."""
+        self._previous, self._crossed, self._farthest_m = None, None, 0.0
+
     def advance(self, stamp_s: float, pose: Array, moved_m: float) -> Lap | None:
         """Take the next pose; return the lap if the gate was crossed to end one.
 

@@ -111,6 +111,7 @@ class Tracker:
                 Tracker(window_config(config), self.sensor)
             ),
         )
+        self._placed = self._recovery.trusted
         self._asked_s = -np.inf
         self.last_frame: ConeObservations | None = None
         self.last_ids: IntArray = np.zeros(0, dtype=np.int64)
@@ -175,6 +176,9 @@ class Tracker:
         self.map = self._recovery.search(self.map, frame, moved_m)
         if self._recovery.jumped:
             self.motion.take_noise()
+            if not self._placed:
+                self.laps.restart()
+        self._placed = self._placed or self._recovery.trusted
         if self._recovery.jumped or self._recovery.lost:
             self.laps.interrupt()
 

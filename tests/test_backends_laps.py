@@ -84,6 +84,19 @@ def test_a_crossing_is_interpolated_exactly_on_a_straight(
     assert lap.end_s == pytest.approx(100.0 + 2.5 / speed, rel=1e-9)
 
 
+def test_a_crossing_where_the_car_never_was_starts_no_lap() -> None:
+    stamps = np.arange(400) * 0.03
+    poses = circle(2.0 * stamps)
+    counter = LapCounter(CONFIG)
+    # Thought to pass the gate after 0.05 s; found elsewhere after 1.5 s.
+    assert drive(counter, stamps[:50], poses[:50]) == []
+    counter.restart()
+    laps = drive(counter, stamps, poses, start=50)
+    assert [lap.number for _, lap in laps] == [1, 2]
+    first = np.arcsin(0.1) / 2.0
+    assert laps[0][1].start_s == pytest.approx(first + np.pi, abs=5e-4)
+
+
 def test_driving_backwards_over_the_gate_does_not_count() -> None:
     counter = LapCounter(CONFIG)
     stamps = np.arange(200) * 0.1
