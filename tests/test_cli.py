@@ -255,6 +255,38 @@ def test_a_known_map_is_kept_or_extended(compared: Path, tmp_path: Path) -> None
     assert sizes["update"] == len(lines)
 
 
+def test_poses_before_the_car_was_found_on_its_map_are_no_errors(
+    log: Path, compared: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # The drive begins after 6 s, 45 m from the line, which it passes once.
+    late = tmp_path / "late"
+    late.mkdir()
+    for name in ("cones.csv", "odometry.csv", "truth.csv"):
+        head, *rows = (log / name).read_text(encoding="utf-8").splitlines()
+        rest = [row for row in rows if float(row.split(",")[0]) >= 6.0]
+        (late / name).write_text("\n".join([head, *rest]), encoding="utf-8")
+    known = compared / "ekf" / "map.csv"
+    assert run("run", late, "--map", known, "--out", tmp_path / "out") == 0
+    assert "frames passed until the car was found on the map" in capsys.readouterr().out
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    path = summary["metrics"]["trajectory"]
+    assert path["poses"] < summary["frames"]
+    assert path["ate_se2"]["max_m"] < 0.3
+    assert path["ate_as_written"]["max_m"] < 0.5
+    assert summary["laps"] == []
+
+
+def test_nothing_is_looked_for_on_an_empty_map(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    empty = tmp_path / "empty.csv"
+    empty.write_text("x,y,class\n", encoding="utf-8")
+    assert run("run", log, "--map", empty, "--out", tmp_path / "out") == 1
+    said = f"conegraph: {empty}: has no cone, so no car can be found on it\n"
+    assert capsys.readouterr().err == said
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_run_does_not_overwrite_the_log_that_it_reads(
     log: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

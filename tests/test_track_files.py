@@ -85,6 +85,24 @@ def test_an_event_is_written_with_its_map_and_path(tmp_path: Path) -> None:
     assert facts["segments"] == ["right", "right timed", "left", "left timed"]
 
 
+def test_an_event_is_printed_as_json_when_asked_for(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("track", "acceleration", "--out", str(tmp_path), "--json") == 0
+    written = (tmp_path / "event.json").read_text(encoding="utf-8")
+    assert json.loads(capsys.readouterr().out) == json.loads(written)
+
+
+def test_a_map_without_a_lane_is_no_track(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    one = tmp_path / "one.csv"
+    one.write_text("x,y,class\n1,2,blue\n", encoding="utf-8")
+    out = str(tmp_path / "out")
+    assert run("track", str(one), "--out", out, "--plot", "none") == 0
+    assert "no track is known: no lane between cones" in capsys.readouterr().out
+
+
 def test_a_wrong_pose_is_a_usage_error(tmp_path: Path) -> None:
     assert run("track", "skidpad", "--out", str(tmp_path), "--pose", "1,2") == 2
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -19,6 +19,9 @@ from conegraph.cli.options import (
     settle_source,
 )
 from conegraph.errors import ConegraphError
+
+if TYPE_CHECKING:
+    from conegraph.types import ConeMap
 
 
 class Mode(StrEnum):
@@ -56,7 +59,6 @@ def run(
     from conegraph.config import load_config
     from conegraph.eval import compare
     from conegraph.io.run_writer import SUMMARY
-    from conegraph.io.tracks.cone_map_csv import read_cone_map
 
     if mode is not None and map_ is None:
         raise typer.BadParameter("--mode says what to do with a map: give --map too")
@@ -65,7 +67,7 @@ def run(
     job = Job(
         settled,
         out,
-        known_map=None if map_ is None else read_cone_map(map_),
+        known_map=None if map_ is None else _read_known_map(map_),
         add_cones=map_ is None or mode is Mode.UPDATE,
     )
     name = settled.backend.kind
@@ -74,6 +76,21 @@ def run(
         typer.echo((out / SUMMARY).read_text(encoding="utf-8"), nl=False)
     elif result.metrics is not None:
         print_comparison(compare({name: result.metrics}))
+
+
+def _read_known_map(path: Path) -> ConeMap:
+    """Return the map in a file.
+
+    Raises:
+        FileFormatError: it cannot be read, or there is no cone on it.
+    """
+    from conegraph.errors import FileFormatError
+    from conegraph.io.tracks.cone_map_csv import read_cone_map
+
+    known = read_cone_map(path)
+    if len(known) == 0:
+        raise FileFormatError(path, "has no cone, so no car can be found on it")
+    return known
 
 
 def _keep_apart(source: str, out: Path) -> None:

@@ -54,7 +54,7 @@ def track(
 
     settings = load_config(config, set_ or [])
     if str(map_) in ("skidpad", "acceleration") and not map_.exists():
-        _write_event(str(map_), _pose(pose), out)
+        _write_event(str(map_), _pose(pose), out, json_=json_)
         return
     cone_map = _read(map_)
     found = detect_track(
@@ -66,6 +66,9 @@ def track(
     if json_:
         typer.echo((out / SUMMARY).read_text(encoding="utf-8"), nl=False)
         return
+    if found.length_m == 0.0:
+        typer.echo(f"{out}: no track is known: {found.reason}")
+        return
     shape = "closed" if found.closed else "open"
     doubt = f" ({found.reason})" if found.reason else ""
     typer.echo(
@@ -75,13 +78,16 @@ def track(
     )
 
 
-def _write_event(name: str, pose: Array | None, out: Path) -> None:
+def _write_event(name: str, pose: Array | None, out: Path, *, json_: bool) -> None:
     from conegraph.io.run_writer import MAP
     from conegraph.track.events import Event, plan_event
-    from conegraph.track.files import write_event
+    from conegraph.track.files import EVENT, write_event
 
     plan = plan_event(Event(name), pose)
     write_event(out, plan)
+    if json_:
+        typer.echo((out / EVENT).read_text(encoding="utf-8"), nl=False)
+        return
     typer.echo(
         f"{out}: {name}, {len(plan.cone_map)} cones, {plan.s_m[-1]:.1f} m to drive; "
         f"localise with: conegraph run SOURCE --map {out / MAP} --mode localize"
