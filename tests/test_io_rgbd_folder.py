@@ -175,6 +175,26 @@ def test_the_claimed_size_is_the_decoded_one(suffix: str) -> None:
     assert claimed_size(coded.tobytes()) == (57, 33)
 
 
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+def test_only_a_picture_whose_own_end_is_missing_is_cut_off(
+    tmp_path: Path, suffix: str
+) -> None:
+    noise = np.random.default_rng(0).integers(0, 255, (40, 50, 3), dtype=np.uint8)
+    coded = cv2.imencode(suffix, noise)[1].tobytes()
+    path = tmp_path / f"phone{suffix}"
+    path.write_bytes(coded + b"ftypmp42" * 1000)
+    assert read_color(path).shape == (40, 50, 3)
+    if suffix == ".jpg":
+        thumbnail = b"\xff\xe1" + (6).to_bytes(2, "big") + b"ab\xff\xd9"
+        path.write_bytes(coded[:2] + thumbnail + coded[2:])
+        assert read_color(path).shape == (40, 50, 3)
+        coded = coded[:2] + thumbnail + coded[2:]
+    for kept in (len(coded) // 2, len(coded) - 9):
+        path.write_bytes(coded[:kept])
+        with pytest.raises(FileFormatError, match="is cut off"):
+            read_color(path)
+
+
 @pytest.fixture(scope="module")
 def mutated(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("mutated") / "picture"

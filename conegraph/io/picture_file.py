@@ -20,6 +20,7 @@ MAX_BYTES = 256 * 2**20
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".webp", ".ppm", ".pgm")
 
 _JPEG_SIZES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+_JPEG_SCAN, _JPEG_END = 0xDA, b"\xff\xd9"
 _JPEG_BARE = frozenset(range(0xD0, 0xD9)) | {0x01}
 _PNM = re.compile(rb"P[1-6]\s+(?:#[^\n]*\s+)*(\d{1,9})\s+(?:#[^\n]*\s+)*(\d{1,9})\s")
 
@@ -99,16 +100,24 @@ def claimed_size(data: bytes) -> tuple[int, int] | None:
 
 
 def _jpeg_size(data: bytes) -> tuple[int, int] | None:
+    at = _jpeg_marker(data, _JPEG_SIZES)
+    if at is None:
+        return None
+    height, width = struct.unpack(">HH", data[at + 5 : at + 9])
+    return int(width), int(height)
+
+
+def _jpeg_marker(data: bytes, wanted: frozenset[int]) -> int | None:
+    """Return where the first of some markers is, thumbnails inside others skipped."""
     at = 2
     while at + 9 < len(data) and data[at] == 0xFF:
         marker = data[at + 1]
+        if marker in wanted:
+            return at
         if marker == 0xFF:
             at += 1
         elif marker in _JPEG_BARE:
             at += 2
-        elif marker in _JPEG_SIZES:
-            height, width = struct.unpack(">HH", data[at + 5 : at + 9])
-            return int(width), int(height)
         else:
             at += 2 + max(int.from_bytes(data[at + 2 : at + 4], "big"), 2)
     return None
@@ -132,9 +141,22 @@ def _webp_size(data: bytes) -> tuple[int, int] | None:
 
 
 def _is_cut_off(data: bytes) -> bool:
-    """Return whether the end of a PNG or JPEG is missing: half would be decoded."""
+    """Return whether the end of a PNG or JPEG is missing: half would be decoded.
+
+    Cameras append things of their own behind it, such as a film.
+    """
     if data.startswith(b"\x89PNG"):
-        return b"IEND" not in data[-64:]
+        return not _png_has_end(data)
     if data.startswith(b"\xff\xd8"):
-        return b"\xff\xd9" not in data[-4096:]
+        scan = _jpeg_marker(data, frozenset({_JPEG_SCAN}))
+        return scan is None or data.find(_JPEG_END, scan) < 0
+    return False
+
+
+def _png_has_end(data: bytes) -> bool:
+    at = 8
+    while at + 12 <= len(data):
+        if data[at + 4 : at + 8] == b"IEND":
+            return True
+        at += 12 + int.from_bytes(data[at : at + 4], "big")
     return False
