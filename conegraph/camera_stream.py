@@ -62,8 +62,8 @@ class CameraStream:
     def sensor(self) -> SensorModel | None:
         """What the stream knows of the cone sensor, or else what the front end does.
 
-        That depends on the lens, for which a stream that can be read again is asked
-        for its first picture; a live camera is taken for a `TYPICAL` one.
+        That depends on lens and mount, for which a stream that can be read again is
+        asked for its first picture; a live camera is taken for a `TYPICAL` one.
         """
         if self.stream.sensor is not None:
             return self.stream.sensor
@@ -75,7 +75,8 @@ class CameraStream:
                 first = next(pictures, None)
                 if first is not None:
                     lens, mount = first.camera, first.mount
-            self._sensor = make_front_end(self.config).sensor(lens, mount)
+            front_end = make_front_end(self.config)
+            self._sensor = front_end.sensor(lens, self._configured(mount))
         return self._sensor
 
     @property
@@ -125,9 +126,12 @@ class CameraStream:
             yield seen
         self._kept = kept if keeps else None
 
+    def _configured(self, mount: CameraMount) -> CameraMount:
+        """Return the mount with what the configuration says of it."""
+        return replace(mount, **self.config.mount.model_dump(exclude_none=True))
+
     def _seen(self, frame: RgbdFrame, front_end: FrontEnd) -> ConeObservations:
-        given = self.config.mount.model_dump(exclude_none=True)
-        frame = replace(frame, mount=replace(frame.mount, **given)) if given else frame
+        frame = replace(frame, mount=self._configured(frame.mount))
         began = time.perf_counter()
         seen = front_end.examine(frame)
         self.detect_ms = 1e3 * (time.perf_counter() - began)

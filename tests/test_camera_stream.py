@@ -54,6 +54,16 @@ def test_the_mount_of_the_configuration_counts(drive: CameraDrive) -> None:
     assert seen[0].mount == replace(drive.rig.mount, height_m=1.5, yaw_rad=0.1)
 
 
+def test_the_assumed_noise_is_that_of_the_configured_mount(drive: CameraDrive) -> None:
+    low, high = (
+        CameraStream(drive, load_config(overrides=[f"mount.height_m={h}"])).sensor
+        for h in (0.5, 1.5)
+    )
+    assert low is not None
+    assert high is not None
+    assert low.range_sigma_m[2] == pytest.approx(3 * high.range_sigma_m[2])
+
+
 def test_a_stream_of_cones_stays_as_it_is() -> None:
     log = simulate_track("acceleration", SimOptions(laps=1))
     assert with_front_end(log, load_config()) is log
