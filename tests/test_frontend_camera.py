@@ -27,6 +27,12 @@ def test_a_ray_projects_back_to_its_pixel(u: float, v: float, z_m: float) -> Non
     assert project(LENS, z_m * rays(LENS, at)) == pytest.approx(at, abs=0.02)
 
 
+def test_the_corners_of_a_wide_lens_are_not_left_bent() -> None:
+    lens = Camera(1280, 720, 700.0, 700.0, 640.0, 360.0, (-0.25, 0.08, 1e-3, 0.0, 0.0))
+    corners = np.array([[0.0, 0.0], [1279.0, 0.0], [0.0, 719.0], [1279.0, 719.0]])
+    assert project(lens, rays(lens, corners)) == pytest.approx(corners, abs=1e-3)
+
+
 @given(angles, angles, st.floats(-3, 3), st.floats(0.2, 3))
 def test_a_mount_is_found_again_from_its_plane(
     pitch: float, roll: float, yaw: float, height_m: float
