@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 from conegraph.camera import CameraMount
@@ -31,9 +32,9 @@ def frames_in(path: Path) -> int | None:
     )
     try:
         # A file name with ? or # would end the path of a plain URI.
-        with sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True) as db:
+        name = f"{path.resolve().as_uri()}?mode=ro"
+        with closing(sqlite3.connect(name, uri=True)) as db:
             (frames,) = db.execute(count).fetchone()
-        db.close()
     except sqlite3.Error:
         return None
     return int(frames)
