@@ -36,7 +36,8 @@ MOST_NOISE_PER_M = 0.05
 NOISE_PRIOR_PER_M = 0.005
 """Inverse-depth noise that is taken for granted while none can be measured."""
 NEIGHBOURS = 1.5
-"""How many points of the grid err together: smooth roads are not quite planes."""
+"""Factor on the plane's sigmas: points of the grid err together, about two at a time,
+as smooth roads are not quite planes."""
 
 
 @dataclass(frozen=True, slots=True)
