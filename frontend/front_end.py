@@ -94,9 +94,9 @@ class RgbdFrontEnd:
         coarse = frame.depth_m[::16, ::16]
         some = coarse[(coarse > 0) & np.isfinite(coarse)]
         if not len(some):
-            reason = "frame without depth"
+            reason = "depth picture that is empty"
         elif np.median(some) > MILLIMETRES_ABOVE_M:
-            reason = "depth that looks like millimetres"
+            reason = "depth picture that looks like millimetres"
         else:
             return frame
         self.rejected[reason] += 1

@@ -57,7 +57,10 @@ def test_the_same_frames_give_the_same_cones(
 
 @pytest.mark.parametrize(
     ("factor", "reason"),
-    [(0.0, "frame without depth"), (1000.0, "depth that looks like millimetres")],
+    [
+        (0.0, "depth picture that is empty"),
+        (1000.0, "depth picture that looks like millimetres"),
+    ],
 )
 def test_without_depth_cones_are_found_with_more_doubt(
     rendered: tuple[RgbdFrame, FrameTruth], factor: float, reason: str

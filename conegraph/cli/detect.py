@@ -69,7 +69,7 @@ def detect(
     if job.failures and not job.pictures:
         raise job.failures[0]
     for reason, count in front_end.rejected.items():
-        print(f"conegraph: {count} x {reason}: depth left out", file=sys.stderr)
+        print(f"conegraph: {count} x {reason}: left out", file=sys.stderr)
     for failure in job.failures:
         print(f"conegraph: left out: {failure}", file=sys.stderr)
     shown = "" if folder is None else f", drawn in {folder}"
