@@ -16,14 +16,17 @@ COLOURS = {
     ConeClass.UNKNOWN: (176, 176, 176),
 }
 BLACK = (0, 0, 0)
-SMALL_PX = 480
-"""Pictures are taken to be looked at on a screen of which this is half the height."""
+TALL_PX = 960
+"""Pictures are drawn at least this high: labels on small ones would hide cones."""
+MOST = 4
 
 
 def draw_boxes(
     picture: Picture, box_px: Array, class_prob: Array, xy_m: Array | None = None
 ) -> Picture:
-    """Return a copy of an RGB picture with boxes, classes and, where known, ranges.
+    """Return an RGB picture with boxes, classes and, where known, ranges.
+
+    One with cones that is less than `TALL_PX` high is enlarged, up to `MOST` times.
 
     Args:
         picture: (H, W, 3) RGB.
@@ -31,10 +34,12 @@ def draw_boxes(
         class_prob: (N, 5) in the order of `ConeClass`.
         xy_m: (N, 2) positions in the car frame.
     """
-    drawn = picture.copy()
     classes: IntArray = class_prob.argmax(axis=1)
-    thick = max(1, round(picture.shape[0] / SMALL_PX))
-    corners = np.round(box_px).astype(int).tolist()
+    larger = min(-(-TALL_PX // picture.shape[0]), MOST) if len(box_px) else 1
+    drawn = picture.repeat(larger, axis=0).repeat(larger, axis=1)
+    thick = max(1, round(drawn.shape[0] / TALL_PX))
+    # A pixel's edge is half a pixel before its middle, at any size.
+    corners = np.round(larger * (box_px + 0.5) - 0.5).astype(int).tolist()
     for row, (left, top, right, bottom) in enumerate(corners):
         kind = ConeClass(int(classes[row]))
         said = CLASS_LABELS[kind].replace("_", " ")
@@ -42,18 +47,24 @@ def draw_boxes(
             said += f" {np.hypot(*xy_m[row]):.1f} m"
         cv2.rectangle(drawn, (left, top), (right, bottom), COLOURS[kind], thick)
         place = (left, max(top - 3 * thick, 10))
-        for width, colour in ((3 * thick, BLACK), (thick, COLOURS[kind])):
-            cv2.putText(
-                drawn,
-                said,
-                place,
-                cv2.FONT_HERSHEY_SIMPLEX,
-                0.4 * thick,
-                colour,
-                width,
-                cv2.LINE_AA,
-            )
+        _write(drawn, said, place, COLOURS[kind], thick)
     return drawn
+
+
+def _write(
+    drawn: Picture,
+    said: str,
+    place: tuple[int, int],
+    colour: tuple[int, int, int],
+    thick: int,
+) -> None:
+    """Write in a colour with a black edge; thicker letters would also be wider."""
+    edge = [(right, down) for right in (-1, 0, 1) for down in (-1, 0, 1)]
+    face, size = cv2.FONT_HERSHEY_SIMPLEX, 0.4 * thick
+    for right, down in edge:
+        at = (place[0] + right * thick, place[1] + down * thick)
+        cv2.putText(drawn, said, at, face, size, BLACK, thick, cv2.LINE_AA)
+    cv2.putText(drawn, said, place, face, size, colour, thick, cv2.LINE_AA)
 
 
 def as_png(picture: Picture) -> bytes:
