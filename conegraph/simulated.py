@@ -62,7 +62,7 @@ def simulate_track(track: str, options: SimOptions) -> Recording:
     truth is in the frame of the car at its start, the world of the estimates.
 
     Raises:
-        SourceError: neither a file nor a built-in name.
+        SourceError: neither a file nor a built-in name, or options of pictures.
         FileFormatError: the file is no track.
     """
     from conegraph.sim.cone_sensor import CAMERA, LIDAR
@@ -73,6 +73,8 @@ def simulate_track(track: str, options: SimOptions) -> Recording:
 
     if options.sensor == "rgbd":
         raise SourceError(f"sim:{track}: {PICTURES}")
+    if options.light or options.rate != SimOptions().rate:
+        raise SourceError(f"sim:{track}: rate and light are for sensor=rgbd only")
     sensor = LIDAR if options.sensor == "lidar" else CAMERA
     return simulate(
         _layout(track, options.seed),

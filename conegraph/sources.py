@@ -148,7 +148,7 @@ def _open_path(text: str) -> Recording:
     if path.is_dir():
         if "Barcodes.dat" in names:
             raise SourceError(f"{text}: for a robot's drive write mrclam:{text}/Robot1")
-        raise SourceError(f"{text}: no cones.csv in this folder, so no cone log")
+        raise SourceError(f"{text}: neither cones.csv nor rgb.txt is in this folder")
     if path.name.startswith("cones.csv"):
         raise SourceError(f"{text}: give the folder, {path.parent}, not the file")
     raise SourceError(

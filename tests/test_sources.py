@@ -136,7 +136,7 @@ def _polar(radius_m: float, angle_deg: float) -> tuple[float, float]:
         ("", "{}/nowhere/x", "{}/nowhere/x: no such file or folder"),
         ("", "{}/log/cones.csv", "{}/log/cones.csv: give the folder, {}/log, not"),
         ("", "", "give a SOURCE"),
-        ("bag/a.txt", "{}/bag", "{}/bag: no cones.csv in this folder"),
+        ("bag/a.txt", "{}/bag", "{}/bag: neither cones.csv nor rgb.txt"),
         ("track.yaml", "{}/track.yaml", "{}/track.yaml: a file is no SOURCE by"),
         ("r.bag", "{}/r.bag", "{}/r.bag: gives pictures, and only cones"),
         ("r.mcap", "{}/r.mcap", "{}/r.mcap: ROS recordings are not supported yet"),
@@ -164,6 +164,12 @@ def test_what_cannot_be_opened_says_why(
     with pytest.raises(SourceError) as caught:
         open_source(text.format(root))
     assert str(caught.value).startswith(message.format(root, root))
+
+
+@pytest.mark.parametrize("query", ["light=dusk", "rate=30"])
+def test_options_of_pictures_are_not_ignored_without_pictures(query: str) -> None:
+    with pytest.raises(SourceError, match="rate and light are for sensor=rgbd only"):
+        open_source(f"sim:oval?{query}")
 
 
 def test_a_drive_can_be_had_as_pictures() -> None:
