@@ -57,6 +57,8 @@ def measure_sizes(
         places: where they stand.
         ground: the plane that they stand on.
     """
+    # On the axis; towards the sides things are wider by up to 1 / cos^2 of the angle.
+    # With that the cones of rendered courses were told no better from other things.
     metre_px = frame.camera.fx_px / places.range_m
     height = _heights(frame, found.box_px[:, 1], places, ground)
     edge_m = EDGE_PX / metre_px
