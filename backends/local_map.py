@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from conegraph.backends.landmark_filter import LandmarkFilter
 from conegraph.backends.landmarks import LandmarkBook
@@ -165,8 +166,10 @@ class LocalMap:
             Pairs of ids (kept, gone).
         """
         xy = self.filter.landmarks_m
-        gap = np.linalg.norm(xy[:, None] - xy, axis=2)
-        i, j = np.nonzero(np.triu(gap < TWIN_M, 1))
+        if len(xy) == 0:
+            return ()
+        near = cKDTree(xy).query_pairs(TWIN_M, output_type="ndarray")
+        i, j = near[np.lexsort((near[:, 1], near[:, 0]))].T
         apart = [
             not self.book.seen_together(int(self.row[a]), int(self.row[b]))
             for a, b in zip(i, j, strict=True)
