@@ -80,9 +80,10 @@ def record(path: Path, indices: list[int], form: Any, shift_m: float = 0.0) -> N
         depths.on_video_frame(shot)
         colors.on_video_frame(frame_of(color, picture, index, 3))
         assert syncer.try_wait_for_frames(2000)[0]
-        # Its writer runs beside this loop, and a busy machine lets it fall behind:
-        # then a frame's memory was seen to hold a later frame.
-        time.sleep(0.02)
+        # Its writer runs beside this loop, opens its file with the first frame, and a
+        # busy machine lets it fall behind: then a frame's memory was seen to hold a
+        # later frame.
+        time.sleep(0.02 if index != indices[0] else 1.0)
     for sensor in sensors:
         sensor.stop()
         sensor.close()
