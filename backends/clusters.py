@@ -14,6 +14,7 @@ import numpy as np
 
 from conegraph.backends.pairing_problem import Problem, mahalanobis
 from conegraph.backends.pairing_state import PairingState, accept
+from conegraph.backends.sensor_noise import squared_mahalanobis
 from conegraph.config import AssociationConfig
 from conegraph.types import Array, IntArray, Mask
 
@@ -65,8 +66,7 @@ def _apart(problem: Problem, others: Mask) -> Mask:
     """(m,) observations that cannot show the same cone as any of the others."""
     noise = problem.noise_m2
     difference = problem.xy_m[:, None] - problem.xy_m
-    white = np.linalg.solve(noise[:, None] + noise, difference[..., None])[..., 0]
-    d2 = (difference * white).sum(axis=2)
+    d2 = squared_mahalanobis(difference, noise[:, None] + noise)
     np.fill_diagonal(d2, np.inf)
     lone: Mask = np.where(others, d2, np.inf).min(axis=1, initial=np.inf) > APART_D2
     return lone

@@ -71,6 +71,15 @@ def velocity_prior(k: int, velocity: Array, sigmas: Array) -> gtsam.NonlinearFac
     return gtsam.PriorFactorVector(V(k), mean, noise)
 
 
+def start_velocity_prior(
+    k: int, velocity: Array, motion: MotionConfig
+) -> gtsam.NonlinearFactor:
+    """Hold ``v_k``, where free motion starts, near a speed and yaw rate (2,)."""
+    doubt = motion.start_speed_sigma_mps
+    sigmas = np.array([max(doubt, 0.01), max(0.2 * doubt, 0.01)])
+    return velocity_prior(k, velocity, sigmas)
+
+
 def free_motion(
     k: int, before_s: float, now_s: float, motion: MotionConfig
 ) -> list[gtsam.NonlinearFactor]:

@@ -20,11 +20,11 @@ from conegraph.backends.factors import (
     odometry_motion,
     one_cone,
     start_prior,
-    velocity_prior,
+    start_velocity_prior,
 )
 from conegraph.backends.journal import Entry
 from conegraph.backends.motion import yaw_rate_bias_sigma
-from conegraph.backends.sensor_noise import transport_covariance
+from conegraph.backends.sensor_noise import squared_mahalanobis, transport_covariance
 from conegraph.config import Isam2Config, MotionConfig
 from conegraph.geometry import to_child
 from conegraph.types import Array, ConeMap, Mask, SensorModel
@@ -88,9 +88,8 @@ class GraphBuilder:
             at = (entry.segment, bias) if self.has_bias else None
             return [*factors, odometry_motion(k, frame.increment, pose_before, at)]
         if entry.starts_moving:
-            doubt = self._motion.start_speed_sigma_mps
-            sigmas = np.array([max(doubt, 0.01), max(0.2 * doubt, 0.01)])
-            factors.append(velocity_prior(k - 1, before.frame.state[3:5], sigmas))
+            speed = before.frame.state[3:5]
+            factors.append(start_velocity_prior(k - 1, speed, self._motion))
         step = free_motion(k, before.frame.stamp_s, frame.stamp_s, self._motion)
         return factors + step
 
@@ -118,9 +117,8 @@ class GraphBuilder:
         xy_m, there_m = entry.frame.xy_m[entry.kept], to_child(pose, cones)
         reported = entry.frame.reported_m2[entry.kept]
         cov = transport_covariance(reported, xy_m, there_m, self._sensor)
-        z = xy_m - there_m
-        white = np.linalg.solve(cov, z[..., None])[..., 0]
-        return self._sightings(entry, cov, (z * white).sum(axis=1) <= PLAIN_D2)
+        fits = squared_mahalanobis(xy_m - there_m, cov) <= PLAIN_D2
+        return self._sightings(entry, cov, fits)
 
     def _sightings(self, entry: Entry, cov_m2: Array, plain: Mask) -> Factors:
         xy_m = entry.frame.xy_m[entry.kept]

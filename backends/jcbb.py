@@ -16,6 +16,7 @@ from scipy.stats import chi2
 from conegraph.backends.clusters import settle_clusters
 from conegraph.backends.pairing_problem import Pairing, Problem, mahalanobis
 from conegraph.backends.pairing_state import PairingState, accept, conclude
+from conegraph.backends.sensor_noise import squared_mahalanobis
 from conegraph.config import AssociationConfig
 from conegraph.types import Array, IntArray, Mask
 
@@ -203,10 +204,9 @@ def judged_by_others(
     n = len(row)
     blocks = S.reshape(n, 2, n, 2)
     blocks[range(n), :, range(n), :] += problem.noise_m2[row]
-    P = np.linalg.inv(S)
+    P: Array = np.linalg.inv(S)
     own = P.reshape(n, 2, n, 2)[range(n), :, range(n), :]
     pull = (P @ (problem.xy_m[row] - problem.predicted.xy_m[column]).ravel()).reshape(
         n, 2
     )
-    d2 = (pull * np.linalg.solve(own, pull[..., None])[..., 0]).sum(axis=1)
-    return d2, -np.linalg.slogdet(own)[1]
+    return squared_mahalanobis(pull, own), -np.linalg.slogdet(own)[1]

@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 from conegraph.backends.landmark_filter import LandmarkFilter
 from conegraph.backends.landmarks import LandmarkBook
 from conegraph.backends.motion import yaw_rate_bias_sigma
+from conegraph.backends.sensor_noise import squared_mahalanobis
 from conegraph.config import Config, LandmarkConfig
 from conegraph.types import (
     Array,
@@ -102,32 +103,21 @@ class LocalMap:
             all_m: (m, 2) their positions.
         """
         self.sync()
-        place = {int(i): row for row, i in enumerate(self.book.id)}
-        for cone, xy in zip(all_ids.tolist(), all_m, strict=True):
-            if cone in place:
-                self.book.xy_m[place[cone]] = xy
-        kept = np.array([i in place for i in ids.tolist()], dtype=bool)
-        rows = [place[i] for i in ids[kept].tolist()]
-        self.row = np.array(rows, dtype=np.int64)
+        row = _places(self.book.id, all_ids)
+        self.book.xy_m[row[row >= 0]] = all_m[row >= 0]
+        near = _places(self.book.id, ids)
+        self.row = near[near >= 0]
         self.filter.load(state, cov)
-        self.filter.keep(kept)
+        self.filter.keep(near >= 0)
 
     def slots_of(self, ids: IntArray) -> IntArray:
         """(k,) slots of the cones with the given ids, -1 where the filter has none."""
-        held = self.book.id[self.row]
-        order = np.argsort(held)
-        place = np.searchsorted(held, ids, sorter=order)
-        slot = np.append(order, -1)[place]
-        found = slot >= 0
-        found[found] = held[slot[found]] == ids[found]
-        return np.where(found, slot, -1).astype(np.int64)
+        return _places(self.book.id[self.row], ids)
 
     def add_again(self, ids: IntArray, xy_m: Array, cov_m2: Array) -> None:
         """Let the filter hold cones of the book as just seen, (k, 2) car frame."""
         if len(ids):
-            order = np.argsort(self.book.id)
-            rows = order[np.searchsorted(self.book.id, ids, sorter=order)]
-            self.row = np.concatenate([self.row, rows]).astype(np.int64)
+            self.row = np.concatenate([self.row, _places(self.book.id, ids)])
             self.filter.add_cones(xy_m, cov_m2)
 
     def fetch(self, radius_m: float) -> None:
@@ -179,9 +169,7 @@ class LocalMap:
             return ()
         difference, cov = self.filter.separation(i, j)
         cov = cov + np.eye(2) * TWIN_SIGMA_M**2
-        d2 = np.einsum(
-            "na,na->n", difference, np.linalg.solve(cov, difference[..., None])[..., 0]
-        )
+        d2 = squared_mahalanobis(difference, cov)
         same = (d2 <= self._config.merge_d2) & (np.trace(cov, axis1=1, axis2=2) < 1.0)
         i, j = i[same], j[same]
         counts = np.bincount(np.concatenate([i, j]), minlength=len(xy))
@@ -211,3 +199,12 @@ class LocalMap:
             book.class_prob[shown],
             book.hits[shown],
         )
+
+
+def _places(held: IntArray, ids: IntArray) -> IntArray:
+    """(k,) where each id stands among those held (n,), -1 where it does not."""
+    order = np.argsort(held)
+    place = np.append(order, -1)[np.searchsorted(held, ids, sorter=order)]
+    found = place >= 0
+    found[found] = held[place[found]] == ids[found]
+    return np.where(found, place, -1).astype(np.int64)

@@ -239,9 +239,6 @@ class Mapper:
             values = self._solved(base, entries, values)
         return values, taken
 
-    def _solved_window(self) -> gtsam.Values:
-        return self._solved(self._base, self.window, self.isam.calculateEstimate())
-
     def _start_anew(self, values: gtsam.Values) -> None:
         """Let a new solver hold the base and the window, linearised at values."""
         graph, slot = self._graph(self._base, self.window, values)
@@ -301,7 +298,8 @@ class Mapper:
         taken: list[Retraction] = []
         off = any(self._is_off(loop) for loop in loops)
         if closing or off or self._suspects(doubted):
-            self._start_anew(self._solved_window())
+            values = self.isam.calculateEstimate()
+            self._start_anew(self._solved(self._base, self.window, values))
             undone = [r for loop in loops for r in self._doubt_loop(loop)]
             for entry in doubted:
                 taken += self._doubt(entry, self._residual_d2(entry))

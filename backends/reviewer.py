@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from conegraph.backends.journal import Entry
+from conegraph.backends.sensor_noise import squared_mahalanobis
 from conegraph.geometry import to_child
 from conegraph.types import Array, Mask
 
@@ -39,8 +40,7 @@ def residual_d2(entry: Entry, pose: Array, cones_m: Array) -> Array:
     """
     z = entry.frame.xy_m[entry.kept] - to_child(pose, cones_m.reshape(-1, 2))
     R = entry.frame.cov_m2[entry.kept]
-    d2: Array = np.einsum("ni,ni->n", z, np.linalg.solve(R, z[..., None])[..., 0])
-    return d2
+    return squared_mahalanobis(z, R)
 
 
 @dataclass(slots=True)

@@ -54,6 +54,13 @@ def transport_covariance(
     return moved
 
 
+def squared_mahalanobis(error_m: Array, cov_m2: Array) -> Array:
+    """Return ``e' C^-1 e`` of errors (..., 2) with covariances (..., 2, 2)."""
+    white = np.linalg.solve(cov_m2, error_m[..., None])[..., 0]
+    d2: Array = (error_m * white).sum(axis=-1)
+    return d2
+
+
 def bearing_range_covariance(cov_m2: Array, xy_m: Array) -> Array:
     """Return covariances (N, 2, 2) in (bearing_rad, range_m) at positions (N, 2)."""
     x, y = xy_m[:, 0], xy_m[:, 1]

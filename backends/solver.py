@@ -35,15 +35,27 @@ def new_isam() -> gtsam.ISAM2:
     return gtsam.ISAM2(params)
 
 
-def solve(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> gtsam.Values:
+def solve(
+    graph: gtsam.NonlinearFactorGraph,
+    values: gtsam.Values,
+    *,
+    iterations: int = 30,
+    tolerance: float = 1e-6,
+) -> gtsam.Values:
     """Solve a graph in batch by Levenberg-Marquardt.
+
+    Args:
+        graph: the factors.
+        values: where to start, for every variable.
+        iterations: at most so many.
+        tolerance: relative decrease of the error at which it is solved.
 
     Raises:
         RuntimeError: the graph does not determine its variables.
     """
     params = gtsam.LevenbergMarquardtParams()
-    params.setMaxIterations(30)
-    params.setRelativeErrorTol(1e-6)
+    params.setMaxIterations(iterations)
+    params.setRelativeErrorTol(tolerance)
     params.setlambdaInitial(1e-9)
     return gtsam.LevenbergMarquardtOptimizer(graph, values, params).optimize()
 

@@ -17,10 +17,13 @@ from conegraph.backends.factors import (
     free_motion,
     odometry_motion,
     start_prior,
-    velocity_prior,
+    start_velocity_prior,
 )
+from conegraph.backends.graph_builder import pose_array
+from conegraph.backends.journal import BIAS_SEGMENT_S
 from conegraph.backends.motion import OdometryIncrement, yaw_rate_bias_sigma
 from conegraph.backends.odometry_queue import OdometryQueue
+from conegraph.backends.solver import solve
 from conegraph.config import MotionConfig
 from conegraph.eval.trajectory_metrics import pair_with_truth
 from conegraph.geometry import between, to_child
@@ -38,9 +41,6 @@ from conegraph.types import (
 ROUNDS = 2
 """Solutions with a bias, each with the odometry linearised where the last one was; a
 third moved no cone by more than 0.01 mm."""
-
-BIAS_SEGMENT_S = 10.0
-"""Length of a stretch of time with one yaw-rate bias, as in the graph back end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,11 +143,13 @@ class ReferenceGraph:
         n = int(np.searchsorted(self._path.stamp_s, end_s, side="right"))
         values = self._true_values(n)
         for _ in range(ROUNDS if self._segments(n) else 1):
-            values = _solved(self._graph(n, values), values)
+            graph = self._graph(n, values)
+            # Farther than a back end would care to.
+            values = solve(graph, values, iterations=50, tolerance=1e-9)
         ids = self._seen(n)
         xy = np.array([values.atPoint2(L(c)) for c in ids.tolist()]).reshape(-1, 2)
-        poses = [values.atPose2(X(k)) for k in range(n)]
-        pose = np.array([[p.x(), p.y(), p.theta()] for p in poses]).reshape(-1, 3)
+        poses = [pose_array(values.atPose2(X(k))) for k in range(n)]
+        pose = np.array(poses).reshape(-1, 3)
         return Solved(ids, xy, Trajectory(self._path.stamp_s[:n], pose))
 
     def covariances(self) -> tuple[IntArray, Array, Array]:
@@ -257,12 +259,11 @@ class ReferenceGraph:
         return graph
 
     def _odometry(self, step: _Step, values: gtsam.Values) -> gtsam.NonlinearFactor:
-        before = values.atPose2(X(step.k - 1))
+        before = pose_array(values.atPose2(X(step.k - 1)))
         bias = None
         if self._has_bias:
             bias = step.segment, float(values.atVector(B(step.segment))[0])
-        at = np.array([before.x(), before.y(), before.theta()])
-        return odometry_motion(step.k, step.increment, at, bias)
+        return odometry_motion(step.k, step.increment, before, bias)
 
     def _add_priors(self, graph: gtsam.NonlinearFactorGraph, n: int) -> None:
         """Add what is known of biases and of the velocity where free motion starts."""
@@ -273,18 +274,7 @@ class ReferenceGraph:
             graph.add(bias_walk(segment, BIAS_SEGMENT_S, self._motion.gyro_bias_walk))
         free = self._free(n)
         if free:
-            doubt = self._motion.start_speed_sigma_mps
-            sigmas = np.array([max(doubt, 0.01), max(0.2 * doubt, 0.01)])
-            graph.add(velocity_prior(free[0], np.zeros(2), sigmas))
-
-
-def _solved(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> gtsam.Values:
-    """Solve by Levenberg-Marquardt, farther than a back end would care to."""
-    params = gtsam.LevenbergMarquardtParams()
-    params.setMaxIterations(50)
-    params.setRelativeErrorTol(1e-9)
-    params.setlambdaInitial(1e-9)
-    return gtsam.LevenbergMarquardtOptimizer(graph, values, params).optimize()
+            graph.add(start_velocity_prior(free[0], np.zeros(2), self._motion))
 
 
 def _frames(recording: Recording) -> list[ConeObservations]:
