@@ -204,7 +204,7 @@ def judged_by_others(
     n = len(row)
     blocks = S.reshape(n, 2, n, 2)
     blocks[range(n), :, range(n), :] += problem.noise_m2[row]
-    P: Array = np.linalg.inv(S)
+    P = np.asarray(np.linalg.inv(S), dtype=np.float64)
     own = P.reshape(n, 2, n, 2)[range(n), :, range(n), :]
     pull = (P @ (problem.xy_m[row] - problem.predicted.xy_m[column]).ravel()).reshape(
         n, 2
