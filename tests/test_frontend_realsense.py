@@ -1,7 +1,9 @@
 """RealSense recordings, made through a software device and played back for real."""
 
+import sqlite3
 import time
 from collections.abc import Callable
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +58,25 @@ def frame_of(profile: Any, pixels: Any, index: int, size: int) -> Any:
     return frame
 
 
+def wait_until_written(path: Path, messages: int) -> None:
+    """Wait until a recording that is being made holds so many pictures."""
+    count = (
+        "SELECT count(*) FROM messages JOIN topics ON topic_id = topics.id "
+        "WHERE topics.name LIKE '%/image/data%'"
+    )
+    deadline = time.monotonic() + 60.0
+    while time.monotonic() < deadline:
+        # The tables come with the first frame.
+        with (
+            suppress(sqlite3.OperationalError),
+            closing(sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True)) as db,
+        ):
+            if db.execute(count).fetchone()[0] >= messages:
+                return
+        time.sleep(0.002)
+    pytest.fail(f"the recorder did not write {messages} pictures in a minute")
+
+
 def record(path: Path, indices: list[int], form: Any, shift_m: float = 0.0) -> None:
     """Record pictures of a camera that exists in software only."""
     device = rs.software_device()
@@ -74,16 +95,15 @@ def record(path: Path, indices: list[int], form: Any, shift_m: float = 0.0) -> N
         sensor.start(syncer)
     # The recorder reads the pixels when it likes: they must outlive it.
     held = [pictures(index) for index in indices]
-    for index, (z, picture) in zip(indices, held, strict=True):
+    for written, (index, (z, picture)) in enumerate(zip(indices, held, strict=True), 1):
         shot = frame_of(depth, z, index, 2)
         shot.depth_units = 0.001
         depths.on_video_frame(shot)
         colors.on_video_frame(frame_of(color, picture, index, 3))
         assert syncer.try_wait_for_frames(2000)[0]
-        # Its writer runs beside this loop, opens its file with the first frame, and a
-        # busy machine lets it fall behind: then a frame's memory was seen to hold a
-        # later frame.
-        time.sleep(0.02 if index != indices[0] else 1.0)
+        # Its writer runs beside this loop, and a busy machine lets it fall behind:
+        # then a frame's memory was seen to hold a later frame.
+        wait_until_written(path, 2 * written)
     for sensor in sensors:
         sensor.stop()
         sensor.close()
