@@ -66,10 +66,11 @@ def wait_until_written(path: Path, messages: int) -> None:
     )
     deadline = time.monotonic() + 60.0
     while time.monotonic() < deadline:
-        # The tables come with the first frame.
+        # Without a lock, for the writer does not wait for one to be free; what is
+        # seen may then be half a table.
         with (
-            suppress(sqlite3.OperationalError),
-            closing(sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True)) as db,
+            suppress(sqlite3.DatabaseError),
+            closing(sqlite3.connect(f"{path.as_uri()}?immutable=1", uri=True)) as db,
         ):
             if db.execute(count).fetchone()[0] >= messages:
                 return
