@@ -21,8 +21,11 @@ NV = 6
 """Length of the car's state."""
 
 
-STEP_FLOOR = (1e-7, 1e-7, 1e-8)
-"""Variances (m^2, m^2, rad^2) of the smallest step: exact ones break solvers."""
+STEP_FLOOR_M2 = 1e-7
+STEP_FLOOR_RAD2 = 1e-8
+"""Variances of the smallest step: exact ones break solvers. The first is added to a
+position, which may hang on the heading alone; a heading has at least the second: a
+good gyro's noise is no more than that, and added up it would be felt."""
 
 LONGEST_DOUBT_S = 5.0
 """Doubt grows no further than over this: the car is then anywhere on the track, and
@@ -236,7 +239,8 @@ def _sum_segments(
     slip = config.slip_sigma_m_per_sqrt_m**2 * np.abs(step)
     sideways = np.stack([-s, c], axis=1)
     cov[:2, :2] += np.einsum("n,ni,nj->ij", slip, sideways, sideways)
-    cov += np.diag(STEP_FLOOR)
+    cov[[0, 1], [0, 1]] += STEP_FLOOR_M2
+    cov[2, 2] = max(cov[2, 2], STEP_FLOOR_RAD2)
     bias_jacobian = -np.einsum("nij,nj->i", jac[:, :, 1:], dt[:, None])
     return OdometryIncrement(
         float(dt.sum()), delta, cov, bias_jacobian, last, np.array(last_cov)

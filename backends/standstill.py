@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from conegraph.backends.motion import STEP_FLOOR, OdometryIncrement
+from conegraph.backends.motion import STEP_FLOOR_M2, STEP_FLOOR_RAD2, OdometryIncrement
 from conegraph.types import VelocityObservation
 
 WINDOW_S = 0.5
@@ -75,12 +75,13 @@ def standing(increment: OdometryIncrement) -> OdometryIncrement:
     that was measured.
     """
     walk = np.array([CREEP_M_PER_SQRT_S, CREEP_M_PER_SQRT_S, CREEP_RAD_PER_SQRT_S])
+    smallest = (STEP_FLOOR_M2, STEP_FLOOR_M2, STEP_FLOOR_RAD2)
     dt_s, turn = increment.dt_s, float(increment.delta[2])
     sigma = float(np.sqrt(increment.cov[2, 2])) / dt_s
     return replace(
         increment,
         delta=np.zeros(3),
-        cov=np.diag(np.array(STEP_FLOOR) + walk**2 * dt_s),
+        cov=np.diag(np.maximum(walk**2 * dt_s, smallest)),
         bias_jacobian=np.zeros(3),
         bias=(turn / dt_s, sigma),
     )

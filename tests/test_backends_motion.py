@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from conegraph.backends.motion import (
     LONGEST_DOUBT_S,
     NV,
-    STEP_FLOOR,
+    STEP_FLOOR_M2,
+    STEP_FLOOR_RAD2,
     OdometryIncrement,
     Prediction,
     integrate_odometry,
@@ -287,7 +288,7 @@ def test_two_parts_split_at_a_sample_compose_to_the_whole(seed: int, cut: int) -
     by_last[:2, :2] = rotation(first.delta[2])
     moved = by_last[:2, :2] @ last.delta[:2]
     by_first[:2, 2] = -moved[1], moved[0]
-    floor = np.diag(STEP_FLOOR)
+    floor = np.diag([STEP_FLOOR_M2, STEP_FLOOR_M2, 0.0])
     cov = by_first @ (first.cov - floor) @ by_first.T
     cov += by_last @ (last.cov - floor) @ by_last.T + floor
     np.testing.assert_allclose(cov, whole.cov, atol=1e-12)
@@ -337,12 +338,11 @@ def test_white_errors_of_many_samples_add_up_to_c_d_t() -> None:
     spacing, n = 0.01, 100
     values = samples_of(lambda t: 10.0, lambda t: 0.0, n, spacing)
     got = integrate_odometry(values[0], values[1:], 0.0, 1.0, NO_SLIP)
-    floor = np.array(STEP_FLOOR)
-    assert got.cov[0, 0] == pytest.approx(0.05**2 * spacing * 1.0 + floor[0])
-    assert got.cov[2, 2] == pytest.approx(0.005**2 * spacing * 1.0 + floor[2])
+    assert got.cov[0, 0] == pytest.approx(0.05**2 * spacing * 1.0 + STEP_FLOOR_M2)
+    assert got.cov[2, 2] == pytest.approx(0.005**2 * spacing * 1.0)
     # Each yaw error turns the path behind it: sum c D^2 (u (T - t_i))^2 -> u^2 T^3/3.
     across = 0.005**2 * spacing * 10.0**2 / 3.0
-    assert got.cov[1, 1] == pytest.approx(across + floor[1], rel=1e-3)
+    assert got.cov[1, 1] == pytest.approx(across + STEP_FLOOR_M2, rel=1e-3)
     assert got.cov[1, 2] == pytest.approx(0.005**2 * spacing * 10.0 / 2.0, rel=1e-6)
 
 
@@ -350,7 +350,15 @@ def test_an_interval_inside_one_sampling_interval_has_its_share_of_the_noise() -
     values = samples_of(lambda t: 10.0, lambda t: 0.0, 1, 0.2)
     got = integrate_odometry(values[0], values[1:], 0.15, 0.2, NO_SLIP)
     want = 0.05**2 * 0.2 * 0.05
-    assert got.cov[0, 0] == pytest.approx(want + STEP_FLOOR[0])
+    assert got.cov[0, 0] == pytest.approx(want + STEP_FLOOR_M2)
+
+
+def test_a_turn_is_never_exact() -> None:
+    exact = np.zeros((2, 2))
+    values = [VelocityObservation(0.1 * i, 10.0, 0.0, exact) for i in range(11)]
+    got = integrate_odometry(values[0], values[1:], 0.0, 1.0, NO_SLIP).cov
+    smallest = [STEP_FLOOR_M2, STEP_FLOOR_M2, STEP_FLOOR_RAD2]
+    np.testing.assert_allclose(got, np.diag(smallest), atol=1e-15)
 
 
 def test_slip_is_a_random_walk_across_the_path() -> None:
@@ -369,12 +377,12 @@ def test_a_velocity_held_for_too_long_gains_the_noise_of_free_accelerations() ->
         return integrate_odometry(one, [], 0.0, dt_s, NO_SLIP).cov
 
     # Within the hold the error of the one sample is held: (c dt) dt.
-    assert cov(hold)[0, 0] == pytest.approx(0.05**2 * hold**2 + STEP_FLOOR[0])
+    assert cov(hold)[0, 0] == pytest.approx(0.05**2 * hold**2 + STEP_FLOOR_M2)
     late = hold + 0.5
     u_var = 0.05**2 + (CONFIG.accel_sigma_mps2 * 0.5) ** 2
     r_var = 0.005**2 + (CONFIG.yaw_accel_sigma_radps2 * 0.5) ** 2
-    assert cov(late)[0, 0] == pytest.approx(u_var * late**2 + STEP_FLOOR[0])
-    assert cov(late)[2, 2] == pytest.approx(r_var * late**2 + STEP_FLOOR[2])
+    assert cov(late)[0, 0] == pytest.approx(u_var * late**2 + STEP_FLOOR_M2)
+    assert cov(late)[2, 2] == pytest.approx(r_var * late**2)
 
 
 @settings(deadline=None)
