@@ -272,7 +272,7 @@ def test_linearly_changing_velocities_converge_with_the_square_of_the_step(
 @given(st.integers(0, 2**32 - 1), st.integers(1, 18))
 def test_two_parts_split_at_a_sample_compose_to_the_whole(seed: int, cut: int) -> None:
     rng = np.random.default_rng(seed)
-    stamps = np.concatenate([[0.0], np.cumsum(rng.uniform(0.005, 0.05, 19))])
+    stamps = np.concatenate([[0.0], np.cumsum(rng.uniform(0.03, 0.3, 19))])
     values = [
         sample(t, rng.uniform(0, 20), rng.uniform(-2, 2)) for t in stamps.tolist()
     ]
