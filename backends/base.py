@@ -14,6 +14,7 @@ from conegraph.types import (
     Estimate,
     Lap,
     LoopClosure,
+    OdometryStep,
     Retraction,
     Trajectory,
     VelocityObservation,
@@ -32,6 +33,7 @@ class FrameEvents:
         consistency: what the innovations of the last seconds say.
         retractions: matches of earlier frames that were taken back; after `finish`,
             by the final solution.
+        odometry: what odometry said of the motion since the frame before.
     """
 
     closures: tuple[LoopClosure, ...] = ()
@@ -40,6 +42,7 @@ class FrameEvents:
     stage_ms: Mapping[str, float] | None = None
     consistency: Consistency = field(default_factory=Consistency)
     retractions: tuple[Retraction, ...] = ()
+    odometry: OdometryStep | None = None
 
 
 class Backend(Protocol):

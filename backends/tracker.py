@@ -50,6 +50,7 @@ from conegraph.types import (
     Estimate,
     IntArray,
     MatchStatus,
+    OdometryStep,
     SensorModel,
     Status,
     VelocityObservation,
@@ -168,8 +169,16 @@ class Tracker:
             self._reason(accepted.stamp_s, consistency),
             dict(zip(stages, (1e3 * np.diff(ticks)).tolist(), strict=True)),
             consistency,
+            odometry=self._odometry_step(),
         )
         return result
+
+    def _odometry_step(self) -> OdometryStep | None:
+        """Return what odometry said since the frame before, and its bias."""
+        increment = self.motion.increment
+        if increment is None:
+            return None
+        return OdometryStep(increment.delta, float(self.map.filter.vehicle[5]))
 
     def _recover(self, frame: ConeObservations, moved_m: float) -> None:
         """Look for a car that is lost, and start anew where it is found."""

@@ -246,6 +246,7 @@ class Pipeline:
             stages,
             events.consistency,
             events.retractions,
+            events.odometry,
         )
 
     def _summary(self, log: RunLog, wall_s: float) -> dict[str, Any]:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from conegraph.errors import SourceError
 
 if TYPE_CHECKING:
     from conegraph.sim.camera_drive import CameraDrive
+    from conegraph.sim.odometry import OdometrySensor
     from conegraph.types import Recording, TrackLayout
 
 LIGHTS = ("bright", "overcast", "low_sun", "dusk")
@@ -35,6 +36,14 @@ class SimOptions:
         unknown_colour: share of detections whose class is taken away.
         missed: share of detections that are left out.
         false_cones: false detections added for each one that there was.
+        noise_scale: factor on the noise of cones, not on what is said of it.
+        range_scale: factor on the range of every cone, 1.05 is 5 % too far.
+        sensor_yaw: angle in rad by which every cone appears too far left.
+        stamp_offset: time in s by which the stamps of frames are too late.
+        hide_start: 1 for orange cones that are never detected.
+        false_start: 1 for a second pair of big orange cones half a lap on.
+        yaw_bias: bias of the odometry's yaw rate in rad/s.
+        wheel_scale: factor on the odometry's speed.
         delay: time in s between a frame's stamp and its arrival; odometry has none.
         stand: time in s that the car stands before it sets off.
         rate: pictures per second.
@@ -49,6 +58,14 @@ class SimOptions:
     unknown_colour: float = 0.0
     missed: float = 0.0
     false_cones: float = 0.0
+    noise_scale: float = 1.0
+    range_scale: float = 1.0
+    sensor_yaw: float = 0.0
+    stamp_offset: float = 0.0
+    hide_start: bool = False
+    false_start: bool = False
+    yaw_bias: float = 0.0
+    wheel_scale: float = 1.0
     delay: float = 0.0
     stand: float = 1.0
     rate: float = 15.0
@@ -68,7 +85,6 @@ def simulate_track(track: str, options: SimOptions) -> Recording:
     from conegraph.sim.cone_sensor import CAMERA, LIDAR
     from conegraph.sim.drive import simulate
     from conegraph.sim.faults import StreamFaults
-    from conegraph.sim.odometry import OdometrySensor
     from conegraph.sim.vehicle import VehicleModel
 
     if options.sensor == "rgbd":
@@ -82,14 +98,31 @@ def simulate_track(track: str, options: SimOptions) -> Recording:
         seed=options.seed,
         sensor=replace(sensor, delay_s=options.delay),
         vehicle=VehicleModel(stand_s=options.stand),
-        odometry=OdometrySensor() if options.odometry else None,
+        odometry=_odometry(options),
         faults=StreamFaults(
-            options.wrong_colour,
-            options.unknown_colour,
-            options.missed,
-            options.false_cones,
+            wrong_colour=options.wrong_colour,
+            unknown_colour=options.unknown_colour,
+            missed=options.missed,
+            false_cones=options.false_cones,
+            noise_scale=options.noise_scale,
+            range_scale=options.range_scale,
+            sensor_yaw_rad=options.sensor_yaw,
+            stamp_offset_s=options.stamp_offset,
+            hide_start=options.hide_start,
+            false_start=options.false_start,
         ),
         origin="start",
+    )
+
+
+def _odometry(options: SimOptions) -> OdometrySensor | None:
+    """Return wheels and gyro with the faults that are asked for."""
+    from conegraph.sim.odometry import OdometrySensor
+
+    if not options.odometry:
+        return None
+    return OdometrySensor(
+        yaw_rate_bias_radps=options.yaw_bias, wheel_scale=options.wheel_scale - 1.0
     )
 
 
@@ -101,7 +134,6 @@ def render_track(track: str, options: SimOptions) -> CameraDrive:
         FileFormatError: the file is no track.
     """
     from conegraph.sim.camera_drive import drive_with_camera
-    from conegraph.sim.odometry import OdometrySensor
     from conegraph.sim.render import LIGHT_NAMES
     from conegraph.sim.vehicle import VehicleModel
 
@@ -113,7 +145,7 @@ def render_track(track: str, options: SimOptions) -> CameraDrive:
         rate_hz=options.rate,
         light=light,
         vehicle=VehicleModel(stand_s=options.stand),
-        odometry=OdometrySensor() if options.odometry else None,
+        odometry=_odometry(options),
     )
 
 
@@ -123,67 +155,65 @@ def parse_sim_query(query: str, *, seed: int = 0) -> SimOptions:
     Raises:
         SourceError: an unknown key (the nearest is named) or a value that is none.
     """
-    options = SimOptions(seed=seed)
+    given: dict[str, Any] = {"seed": seed}
     for item in filter(None, query.split("&")):
         key, _, value = item.partition("=")
-        match key:
-            case "laps":
-                options = replace(options, laps=_whole(item, value, 1, MAX_LAPS))
-            case "seed":
-                options = replace(options, seed=_whole(item, value, 0, 2**63 - 1))
-            case "sensor":
-                _one_of(item, value, ("camera", "lidar", "rgbd"))
-                options = replace(options, sensor=value)
-            case "odometry":
-                _one_of(item, value, ("on", "off"))
-                options = replace(options, odometry=value == "on")
-            case "wrong_colour":
-                options = replace(options, wrong_colour=_share(item, value))
-            case "unknown_colour":
-                options = replace(options, unknown_colour=_share(item, value))
-            case "missed":
-                options = replace(options, missed=_share(item, value))
-            case "false_cones":
-                options = replace(options, false_cones=_share(item, value))
-            case "delay":
-                options = replace(options, delay=_seconds(item, value, MAX_DELAY_S))
-            case "stand":
-                options = replace(options, stand=_seconds(item, value, MAX_STAND_S))
-            case "rate":
-                rate = _number(item, value, MAX_RATE_HZ, f"Hz, up to {MAX_RATE_HZ:g}")
-                if rate <= 0.0:
-                    raise SourceError(f"sim: {item!r}: expected more than 0 Hz")
-                options = replace(options, rate=rate)
-            case "light":
-                _one_of(item, value, LIGHTS)
-                options = replace(options, light=value)
-            case _:
-                keys = tuple(SimOptions.__dataclass_fields__)
-                raise SourceError(
-                    f"sim: has no key {key!r}{hint(key, keys)} "
-                    f"(it has {', '.join(keys)})"
-                )
+        if key not in _READ:
+            raise SourceError(
+                f"sim: has no key {key!r}{hint(key, _READ)} "
+                f"(it has {', '.join(SimOptions.__dataclass_fields__)})"
+            )
+        given[key] = _READ[key](item, value)
+    options = SimOptions(**given)
     if options.wrong_colour + options.unknown_colour > 1.0:
         raise SourceError("sim: wrong_colour and unknown_colour add up to more than 1")
     return options
 
 
 def _share(item: str, value: str) -> float:
-    return _number(item, value, 1.0, "a share, 0 to 1")
+    return _number(item, value, 0.0, 1.0, "a share, 0 to 1")
 
 
-def _seconds(item: str, value: str, most_s: float) -> float:
-    return _number(item, value, most_s, f"seconds, 0 to {most_s:g}")
+def _scale(item: str, value: str) -> float:
+    return _number(item, value, 0.5, 2.0, "a factor, 0.5 to 2")
 
 
-def _number(item: str, value: str, most: float, kind: str) -> float:
+def _noise(item: str, value: str) -> float:
+    return _number(item, value, 1.0, 100.0, "a factor, 1 to 100")
+
+
+def _rad(item: str, value: str) -> float:
+    return _number(item, value, -1.0, 1.0, "rad or rad/s, -1 to 1")
+
+
+def _delay(item: str, value: str) -> float:
+    return _number(item, value, 0.0, MAX_DELAY_S, f"seconds, 0 to {MAX_DELAY_S:g}")
+
+
+def _stand(item: str, value: str) -> float:
+    return _number(item, value, 0.0, MAX_STAND_S, f"seconds, 0 to {MAX_STAND_S:g}")
+
+
+def _rate(item: str, value: str) -> float:
+    kind = f"Hz, up to {MAX_RATE_HZ:g}"
+    rate = _number(item, value, 0.0, MAX_RATE_HZ, kind)
+    if rate <= 0.0:
+        raise SourceError(f"sim: {item!r}: expected more than 0 Hz")
+    return rate
+
+
+def _number(item: str, value: str, low: float, high: float, kind: str) -> float:
     try:
         number = float(value)
     except ValueError:
-        number = -1.0
-    if not 0.0 <= number <= most:
+        number = float("nan")
+    if not low <= number <= high:
         raise SourceError(f"sim: {item!r}: expected {kind}")
     return number
+
+
+def _switch(item: str, value: str) -> bool:
+    return _whole(item, value, 0, 1) == 1
 
 
 def _whole(item: str, value: str, low: int, high: int) -> int:
@@ -192,11 +222,41 @@ def _whole(item: str, value: str, low: int, high: int) -> int:
     return int(value)
 
 
-def _one_of(item: str, value: str, allowed: tuple[str, ...]) -> None:
-    if value not in allowed:
-        *others, last = allowed
-        names = f"{', '.join(others)} or {last}"
-        raise SourceError(f"sim: {item!r}: expected {names}")
+def _one_of(*allowed: str) -> Callable[[str, str], str]:
+    *others, last = allowed
+
+    def read(item: str, value: str) -> str:
+        if value not in allowed:
+            names = f"{', '.join(others)} or {last}"
+            raise SourceError(f"sim: {item!r}: expected {names}")
+        return value
+
+    return read
+
+
+_READ: dict[str, Callable[[str, str], object]] = {
+    "laps": lambda item, value: _whole(item, value, 1, MAX_LAPS),
+    "seed": lambda item, value: _whole(item, value, 0, 2**63 - 1),
+    "sensor": _one_of("camera", "lidar", "rgbd"),
+    "odometry": lambda item, value: _one_of("on", "off")(item, value) == "on",
+    "wrong_colour": _share,
+    "unknown_colour": _share,
+    "missed": _share,
+    "false_cones": _share,
+    "noise_scale": _noise,
+    "range_scale": _scale,
+    "sensor_yaw": _rad,
+    "stamp_offset": _delay,
+    "hide_start": _switch,
+    "false_start": _switch,
+    "yaw_bias": _rad,
+    "wheel_scale": _scale,
+    "delay": _delay,
+    "stand": _stand,
+    "rate": _rate,
+    "light": _one_of(*LIGHTS),
+}
+"""What reads the value of each key."""
 
 
 def _layout(track: str, seed: int) -> TrackLayout:

@@ -500,6 +500,23 @@ class Consistency:
 
 
 @dataclass(frozen=True, slots=True)
+class OdometryStep:
+    """What odometry said of the motion since the frame before.
+
+    Attributes:
+        delta: (3,) pose increment in the car frame at its start, the yaw rate as
+            measured; zero for a car that was taken to stand.
+        yaw_rate_bias_radps: what the estimator takes the bias of that yaw rate for.
+    """
+
+    delta: Array
+    yaw_rate_bias_radps: float
+
+    def __post_init__(self) -> None:
+        _shaped(self, "delta", self.delta, (3,))
+
+
+@dataclass(frozen=True, slots=True)
 class Retraction:
     """Sightings of an earlier frame that did not stand the test after the fact.
 
@@ -538,6 +555,7 @@ class FrameRecord:
         stage_ms: time spent by stage, in ms; the key ``frame`` is the whole.
         consistency: what the innovations of the last seconds say.
         retractions: matches of earlier frames that were taken back in this one.
+        odometry: what odometry said, None without any.
     """
 
     observations: ConeObservations
@@ -549,3 +567,4 @@ class FrameRecord:
     stage_ms: Mapping[str, float] = field(default_factory=dict)
     consistency: Consistency = field(default_factory=Consistency)
     retractions: tuple[Retraction, ...] = ()
+    odometry: OdometryStep | None = None

@@ -15,6 +15,7 @@ RUN_FILES = {
     "config.toml",
     "consistency.csv",
     "map.csv",
+    "motion.csv",
     "pose_cov.csv",
     "status.csv",
     "summary.json",

@@ -23,6 +23,7 @@ from conegraph.types import (
     FrameRecord,
     LoopClosure,
     MatchStatus,
+    OdometryStep,
     Status,
     Trajectory,
 )
@@ -45,6 +46,7 @@ def record(k: int, n: int = 3) -> FrameRecord:
         Estimate(t, pose, POSE_COV, np.zeros(2), Status.DEGRADED, reset_counter=2),
         reason="few cones, one\nof them odd",
         stage_ms={"associate": 0.5, "frame": 1.5 + k},
+        odometry=OdometryStep(0.5 * pose, 0.25 * k) if k else None,
     )
 
 
@@ -86,6 +88,11 @@ def test_a_finished_run_reads_back_as_it_was_written(tmp_path: Path) -> None:
     assert run.status.reset_counter.tolist() == [2] * 5
     np.testing.assert_allclose(run.pose_cov.stamp_s, k / 30.0, atol=5e-10)
     np.testing.assert_array_equal(run.pose_cov.cov, np.tile(POSE_COV, (5, 1, 1)))
+    np.testing.assert_allclose(run.motion.stamp_s, np.arange(1, 5) / 30.0, atol=1e-9)
+    np.testing.assert_array_equal(
+        run.motion.odometry, np.outer(np.arange(1, 5), (0.25, -0.125, 0.005))
+    )
+    np.testing.assert_array_equal(run.motion.yaw_rate_bias_radps, [0.25, 0.5, 0.75, 1])
     # The first frame had nothing to compare with.
     np.testing.assert_allclose(run.consistency.stamp_s, k[1:] / 30.0, atol=5e-10)
     assert run.consistency.nis.tolist() == [1.25] * 4
@@ -107,8 +114,10 @@ def test_a_finished_run_without_the_tables_of_consistency_is_read(
     write_run(tmp_path)
     (tmp_path / "consistency.csv").unlink()
     (tmp_path / "pose_cov.csv").unlink()
+    (tmp_path / "motion.csv").unlink()
     run = read_run(tmp_path)
     assert (len(run.trajectory), len(run.consistency), len(run.pose_cov)) == (5, 0, 0)
+    assert len(run.motion) == 0
 
 
 def test_files_are_laid_out_as_documented(tmp_path: Path) -> None:
@@ -119,6 +128,7 @@ def test_files_are_laid_out_as_documented(tmp_path: Path) -> None:
         "config.toml",
         "consistency.csv",
         "map.csv",
+        "motion.csv",
         "pose_cov.csv",
         "status.csv",
         "summary.json",

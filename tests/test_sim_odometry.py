@@ -56,3 +56,9 @@ def test_the_wheel_scale_stretches_speed_alone() -> None:
         wheel_scale=0.02,
     )
     np.testing.assert_allclose(read(sensor), np.tile([10.2, 0.5], (N, 1)), rtol=1e-12)
+
+
+def test_a_bias_that_is_asked_for_comes_on_top_of_the_drawn_one() -> None:
+    more = read(OdometrySensor(yaw_rate_bias_radps=0.1)) - read(OdometrySensor())
+    np.testing.assert_allclose(more[:, 0], 0.0, atol=1e-12)
+    np.testing.assert_allclose(more[:, 1], 0.1, atol=1e-12)

@@ -19,6 +19,7 @@ from conegraph.io.csv_table import read_text
 from conegraph.io.run_rows import (
     AssociationRows,
     ConsistencyRows,
+    MotionRows,
     Names,
     PoseCovariances,
     StatusRows,
@@ -28,6 +29,7 @@ from conegraph.io.run_writer import (
     CONSISTENCY,
     HEADERS,
     MAP,
+    MOTION,
     POSE_COV,
     SMOOTHED,
     STATUS,
@@ -48,6 +50,7 @@ from conegraph.types import (
 __all__ = [
     "AssociationRows",
     "ConsistencyRows",
+    "MotionRows",
     "PoseCovariances",
     "RunFolder",
     "RunWriter",
@@ -57,7 +60,7 @@ __all__ = [
 
 T = TypeVar("T")
 
-_SINCE_LATER = (CONSISTENCY, POSE_COV)
+_SINCE_LATER = (CONSISTENCY, POSE_COV, MOTION)
 """Files that finished runs of older versions do not have."""
 
 _SYMMETRIC = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
@@ -79,6 +82,7 @@ class RunFolder:
         summary: ``summary.json``; empty if the run did not finish.
         consistency: the innovation of each frame; empty in older runs.
         pose_cov: the covariance of each causal pose; empty in older runs.
+        motion: what odometry said; empty in older runs, and without odometry.
     """
 
     folder: Path
@@ -91,6 +95,7 @@ class RunFolder:
     summary: Mapping[str, object]
     consistency: ConsistencyRows = field(default_factory=ConsistencyRows.empty)
     pose_cov: PoseCovariances = field(default_factory=PoseCovariances.empty)
+    motion: MotionRows = field(default_factory=MotionRows.empty)
 
     @property
     def finished(self) -> bool:
@@ -122,6 +127,7 @@ def read_run(folder: Path) -> RunFolder:
         summary=summary,
         consistency=_read_consistency(folder / CONSISTENCY, finished),
         pose_cov=_read_pose_cov(folder / POSE_COV, finished),
+        motion=_read_motion(folder / MOTION, finished),
     )
 
 
@@ -255,6 +261,12 @@ def _read_pose_cov(path: Path, finished: bool) -> PoseCovariances:
     table = _read_columns(path, 7, finished)
     upper = np.column_stack([table.floats(k) for k in range(1, 7)])
     return PoseCovariances(table.floats(0), upper[:, _SYMMETRIC])
+
+
+def _read_motion(path: Path, finished: bool) -> MotionRows:
+    table = _read_columns(path, 5, finished)
+    odometry = np.column_stack([table.floats(k) for k in (1, 2, 3)])
+    return MotionRows(table.floats(0), odometry, table.floats(4))
 
 
 def _read_summary(path: Path) -> dict[str, object]:

@@ -97,3 +97,27 @@ class PoseCovariances:
     def empty(cls) -> Self:
         """No pose at all."""
         return cls(np.zeros(0), np.zeros((0, 3, 3)))
+
+
+@dataclass(frozen=True, slots=True)
+class MotionRows:
+    """What odometry said of the motion from frame to frame.
+
+    Attributes:
+        stamp_s: (N,) the frame's stamp.
+        odometry: (N, 3) pose increment since the frame before, in the car frame then,
+            with the yaw rate as measured: m, m, rad.
+        yaw_rate_bias_radps: (N,) what the estimator takes the bias of that for.
+    """
+
+    stamp_s: Array
+    odometry: Array
+    yaw_rate_bias_radps: Array
+
+    def __len__(self) -> int:
+        return len(self.stamp_s)
+
+    @classmethod
+    def empty(cls) -> Self:
+        """A run without odometry."""
+        return cls(np.zeros(0), np.zeros((0, 3)), np.zeros(0))

@@ -42,6 +42,7 @@ TIMING = "timing.csv"
 STATUS = "status.csv"
 CONSISTENCY = "consistency.csv"
 POSE_COV = "pose_cov.csv"
+MOTION = "motion.csv"
 SUMMARY = "summary.json"
 
 HEADERS: Mapping[str, str] = {
@@ -49,11 +50,12 @@ HEADERS: Mapping[str, str] = {
     TIMING: "t,stage,ms\n",
     STATUS: "t,status,reason,reset_counter\n",
     CONSISTENCY: "t,nis,dof\n",
+    MOTION: "t,odo_dx,odo_dy,odo_dyaw,yaw_rate_bias\n",
     POSE_COV: "t,cov_xx,cov_xy,cov_xyaw,cov_yy,cov_yyaw,cov_yawyaw\n",
     MAP: "id,x,y,class,p_blue,p_yellow,p_orange,p_big_orange,p_unknown,"
     "cov_xx,cov_xy,cov_yy,observations\n",
 }
-_GROWING = (TRAJECTORY, ASSOCIATIONS, TIMING, STATUS, CONSISTENCY, POSE_COV)
+_GROWING = (TRAJECTORY, ASSOCIATIONS, TIMING, STATUS, CONSISTENCY, POSE_COV, MOTION)
 _UPPER = np.triu_indices(3)
 _ONE_CELL = str.maketrans({",": ";", '"': "'", "\n": " ", "\r": " "})
 
@@ -125,7 +127,10 @@ class RunWriter:
         if made.nis_dof > 0:
             row = f"{made.stamp_s:.9f},{made.nis:.6g},{made.nis_dof}\n"
             self._append(CONSISTENCY, row)
-
+        if record.odometry is not None:
+            x, y, yaw = record.odometry.delta.tolist()
+            bias = record.odometry.yaw_rate_bias_radps
+            self._append(MOTION, f"{t},{x:.9g},{y:.9g},{yaw:.9g},{bias:.6g}\n")
         self.retract(record.retractions)
 
     def retract(self, retractions: Sequence[Retraction]) -> None:

@@ -71,7 +71,11 @@ def simulate(
         read_at = even_stamps(motion, odometry.rate_hz)
         samples = read_odometry(odometry, read_at, motion.velocity(read_at), wheels)
         arrivals += [(v.stamp_s + odometry.delay_s, v) for v in samples]
-    frames = sense(sensor, stamps, motion.pose(stamps), truth, cones)
+    seen = truth
+    if faults is not None:
+        truth = faults.painted(truth, _halfway(motion))
+        seen = faults.visible(truth)
+    frames = sense(sensor, stamps, motion.pose(stamps), seen, cones)
     if faults is not None:
         frames = with_faults(frames, faults, sensor, mishaps)
     arrivals += [(f.stamp_s + sensor.delay_s, f) for f in frames]
@@ -84,6 +88,13 @@ def simulate(
         truth_trajectory=trajectory,
         truth_map=truth,
     )
+
+
+def _halfway(motion: Motion) -> Array:
+    """Return where (2,) the car is in the middle of its first lap, or of the drive."""
+    ends = motion.laps_s[:2] if len(motion.laps_s) > 1 else (0.0, motion.duration_s)
+    at = 0.5 * (ends[0] + ends[1])
+    return np.asarray(motion.pose(np.array([at]))[0, :2])
 
 
 def plan_drive(

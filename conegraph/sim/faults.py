@@ -6,29 +6,80 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from conegraph.geometry import rotation
 from conegraph.sim.cone_sensor import ConeSensor, class_rows, false_detections
-from conegraph.types import ConeClass, ConeObservations
+from conegraph.types import (
+    Array,
+    ConeClass,
+    ConeObservations,
+    TruthMap,
+)
 
+START_CLASSES = (ConeClass.ORANGE, ConeClass.BIG_ORANGE)
 _COLOURS = 4
 """Classes that a cone can be painted in; what is beyond them is unknown."""
 
 
 @dataclass(frozen=True, slots=True)
 class StreamFaults:
-    """Faults put into a stream of cones, each a share of the detections.
+    """Faults put into a stream of cones; none of them is reported.
 
     Attributes:
-        wrong_colour: detections that are given one of the three other colours.
-        unknown_colour: detections whose class is taken away.
-        missed: detections that are left out.
+        wrong_colour: share of detections that get one of the three other colours.
+        unknown_colour: share of detections whose class is taken away.
+        missed: share of detections that are left out.
         false_cones: false detections for each one that there was, even over the
             view.
+        noise_scale: factor on the noise, not on the covariance that is reported.
+        range_scale: factor on every range, as of a wrong baseline.
+        sensor_yaw_rad: the sensor is mounted turned to the right by this, so that
+            every cone appears that much too far left.
+        stamp_offset_s: every frame carries a stamp that is later than its moment by
+            this, and arrives at that stamp.
+        hide_start: orange cones are never detected.
+        false_start: half a lap on, one cone on either side is big and orange.
     """
 
     wrong_colour: float = 0.0
     unknown_colour: float = 0.0
     missed: float = 0.0
     false_cones: float = 0.0
+    noise_scale: float = 1.0
+    range_scale: float = 1.0
+    sensor_yaw_rad: float = 0.0
+    stamp_offset_s: float = 0.0
+    hide_start: bool = False
+    false_start: bool = False
+
+    @property
+    def displace(self) -> bool:
+        """Whether places or stamps are touched."""
+        untouched = (1.0, 1.0, 0.0, 0.0)
+        scales = (self.noise_scale, self.range_scale)
+        return (*scales, self.sensor_yaw_rad, self.stamp_offset_s) != untouched
+
+    def painted(self, cones: TruthMap, halfway_m: Array) -> TruthMap:
+        """Return the cones as they stand on the track.
+
+        Args:
+            cones: as the layout has them.
+            halfway_m: (2,) where the car is after half a lap.
+        """
+        if not self.false_start:
+            return cones
+        away = np.hypot(*(cones.xy_m - halfway_m).T)
+        classes = cones.cone_class.copy()
+        for side in (ConeClass.BLUE, ConeClass.YELLOW):
+            nearest = np.argmin(np.where(cones.cone_class == side, away, np.inf))
+            classes[nearest] = int(ConeClass.BIG_ORANGE)
+        return replace(cones, cone_class=classes)
+
+    def visible(self, cones: TruthMap) -> TruthMap:
+        """Return the cones that can be detected at all."""
+        if not self.hide_start:
+            return cones
+        seen = ~np.isin(cones.cone_class, START_CLASSES)
+        return TruthMap(cones.id[seen], cones.xy_m[seen], cones.cone_class[seen])
 
 
 def with_faults(
@@ -43,14 +94,33 @@ def with_faults(
     and whether cones are seen, so that a stream with wrong colours has the same
     optimum as the one without.
     """
-    miss, false, colour = rng.spawn(3)
+    miss, false, colour, noise = rng.spawn(4)
     if faults.missed > 0.0:
         frames = [f.subset(miss.random(len(f)) >= faults.missed) for f in frames]
     if faults.false_cones > 0.0:
         frames = _with_false(frames, faults.false_cones, sensor, false)
     if faults.wrong_colour > 0.0 or faults.unknown_colour > 0.0:
         frames = [_repainted(f, faults, sensor.certainty, colour) for f in frames]
+    if faults.displace:
+        frames = [_displaced(f, faults, noise) for f in frames]
     return frames
+
+
+def _displaced(
+    frame: ConeObservations, faults: StreamFaults, rng: np.random.Generator
+) -> ConeObservations:
+    """Return a frame seen at another time, by a worse and badly calibrated sensor.
+
+    Noise of the scale k has k^2 the covariance; what it lacks is added.
+    """
+    xy = frame.xy_m
+    if faults.noise_scale > 1.0:
+        lacking = np.sqrt(faults.noise_scale**2 - 1.0) * np.linalg.cholesky(
+            frame.cov_m2
+        )
+        xy = xy + np.einsum("nij,nj->ni", lacking, rng.standard_normal(xy.shape))
+    xy = faults.range_scale * xy @ rotation(faults.sensor_yaw_rad).T
+    return replace(frame, stamp_s=frame.stamp_s + faults.stamp_offset_s, xy_m=xy)
 
 
 def _with_false(

@@ -18,6 +18,7 @@ class OdometrySensor:
         speed_sigma_mps: white noise of a speed sample.
         yaw_rate_sigma_radps: white noise of a yaw-rate sample.
         gyro_bias_sigma_radps: the gyro's bias is drawn with this sigma, once a drive.
+        yaw_rate_bias_radps: a bias of the gyro on top of the drawn one.
         wheel_scale: relative error of the wheel radius: u is read (1 + scale) times.
         delay_s: time between a sample's stamp and its arrival.
     """
@@ -26,6 +27,7 @@ class OdometrySensor:
     speed_sigma_mps: float = 0.05
     yaw_rate_sigma_radps: float = 0.005
     gyro_bias_sigma_radps: float = 0.003
+    yaw_rate_bias_radps: float = 0.0
     wheel_scale: float = 0.0
     delay_s: float = 0.0
 
@@ -39,7 +41,8 @@ def read_odometry(
     for the estimator to find, as they are on a car.
     """
     sigma = np.array([sensor.speed_sigma_mps, sensor.yaw_rate_sigma_radps])
-    bias = np.array([0.0, sensor.gyro_bias_sigma_radps * rng.standard_normal()])
+    drawn = sensor.gyro_bias_sigma_radps * rng.standard_normal()
+    bias = np.array([0.0, sensor.yaw_rate_bias_radps + drawn])
     scale = np.array([1.0 + sensor.wheel_scale, 1.0])
     read = velocity * scale + bias + sigma * rng.standard_normal(velocity.shape)
     cov = np.diag(sigma**2)
