@@ -16,6 +16,7 @@ RUN_FILES = {
     "consistency.csv",
     "map.csv",
     "motion.csv",
+    "observations.csv",
     "pose_cov.csv",
     "status.csv",
     "summary.json",

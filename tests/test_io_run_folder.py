@@ -17,6 +17,7 @@ from conegraph.io.plain import to_plain
 from conegraph.io.run_folder import RunWriter, read_run
 from conegraph.types import (
     Associations,
+    ConeClass,
     ConeMap,
     ConeObservations,
     Estimate,
@@ -32,6 +33,8 @@ FULL = Path("/dev/full")
 NAN = float("nan")
 POSE_COV = np.array([[4.0, 0.5, -0.25], [0.5, 2.0, 0.125], [-0.25, 0.125, 1.0]])
 
+YELLOW = np.array([0.1, 0.6, 0.1, 0.1, 0.1])
+
 
 def record(k: int, n: int = 3) -> FrameRecord:
     """Frame k with n cones: the first matched, the others new without a distance."""
@@ -41,7 +44,9 @@ def record(k: int, n: int = 3) -> FrameRecord:
     d2 = np.array([1.25, *[NAN] * (n - 1)])[:n]
     pose = np.array([0.5 * k, -0.25 * k, 0.01 * k])
     return FrameRecord(
-        ConeObservations(t, np.zeros((n, 2)), eye, np.full((n, 5), 0.2)),
+        ConeObservations(
+            t, np.tile([1.5, -0.25], (n, 1)), eye, np.tile(YELLOW, (n, 1))
+        ),
         Associations(t, status, np.arange(n), d2, *((1.25, 2) if n and k else ())),
         Estimate(t, pose, POSE_COV, np.zeros(2), Status.DEGRADED, reset_counter=2),
         reason="few cones, one\nof them odd",
@@ -93,6 +98,11 @@ def test_a_finished_run_reads_back_as_it_was_written(tmp_path: Path) -> None:
         run.motion.odometry, np.outer(np.arange(1, 5), (0.25, -0.125, 0.005))
     )
     np.testing.assert_array_equal(run.motion.yaw_rate_bias_radps, [0.25, 0.5, 0.75, 1])
+    seen = run.observations
+    assert seen.observation.tolist() == 5 * [0, 1, 2]
+    np.testing.assert_array_equal(seen.xy_m, np.tile([[1.5, -0.25]], (15, 1)))
+    np.testing.assert_array_equal(seen.cov_m2, np.tile(np.eye(2), (15, 1, 1)))
+    assert (seen.cone_class == ConeClass.YELLOW).all()
     # The first frame had nothing to compare with.
     np.testing.assert_allclose(run.consistency.stamp_s, k[1:] / 30.0, atol=5e-10)
     assert run.consistency.nis.tolist() == [1.25] * 4
@@ -115,9 +125,10 @@ def test_a_finished_run_without_the_tables_of_consistency_is_read(
     (tmp_path / "consistency.csv").unlink()
     (tmp_path / "pose_cov.csv").unlink()
     (tmp_path / "motion.csv").unlink()
+    (tmp_path / "observations.csv").unlink()
     run = read_run(tmp_path)
     assert (len(run.trajectory), len(run.consistency), len(run.pose_cov)) == (5, 0, 0)
-    assert len(run.motion) == 0
+    assert (len(run.motion), len(run.observations)) == (0, 0)
 
 
 def test_files_are_laid_out_as_documented(tmp_path: Path) -> None:
@@ -129,6 +140,7 @@ def test_files_are_laid_out_as_documented(tmp_path: Path) -> None:
         "consistency.csv",
         "map.csv",
         "motion.csv",
+        "observations.csv",
         "pose_cov.csv",
         "status.csv",
         "summary.json",

@@ -21,6 +21,7 @@ from conegraph.io.run_rows import (
     ConsistencyRows,
     MotionRows,
     Names,
+    ObservationRows,
     PoseCovariances,
     StatusRows,
 )
@@ -30,6 +31,7 @@ from conegraph.io.run_writer import (
     HEADERS,
     MAP,
     MOTION,
+    OBSERVATIONS,
     POSE_COV,
     SMOOTHED,
     STATUS,
@@ -39,6 +41,7 @@ from conegraph.io.run_writer import (
     RunWriter,
 )
 from conegraph.types import (
+    CLASS_LABELS,
     Array,
     ConeMap,
     IntArray,
@@ -51,6 +54,7 @@ __all__ = [
     "AssociationRows",
     "ConsistencyRows",
     "MotionRows",
+    "ObservationRows",
     "PoseCovariances",
     "RunFolder",
     "RunWriter",
@@ -60,7 +64,7 @@ __all__ = [
 
 T = TypeVar("T")
 
-_SINCE_LATER = (CONSISTENCY, POSE_COV, MOTION)
+_SINCE_LATER = (CONSISTENCY, POSE_COV, MOTION, OBSERVATIONS)
 """Files that finished runs of older versions do not have."""
 
 _SYMMETRIC = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
@@ -83,6 +87,7 @@ class RunFolder:
         consistency: the innovation of each frame; empty in older runs.
         pose_cov: the covariance of each causal pose; empty in older runs.
         motion: what odometry said; empty in older runs, and without odometry.
+        observations: the cones of every frame; empty in older runs.
     """
 
     folder: Path
@@ -96,6 +101,7 @@ class RunFolder:
     consistency: ConsistencyRows = field(default_factory=ConsistencyRows.empty)
     pose_cov: PoseCovariances = field(default_factory=PoseCovariances.empty)
     motion: MotionRows = field(default_factory=MotionRows.empty)
+    observations: ObservationRows = field(default_factory=ObservationRows.empty)
 
     @property
     def finished(self) -> bool:
@@ -128,6 +134,7 @@ def read_run(folder: Path) -> RunFolder:
         consistency=_read_consistency(folder / CONSISTENCY, finished),
         pose_cov=_read_pose_cov(folder / POSE_COV, finished),
         motion=_read_motion(folder / MOTION, finished),
+        observations=_read_observations(folder / OBSERVATIONS, finished),
     )
 
 
@@ -150,6 +157,12 @@ class _Columns:
             return float(cell) if cell else float("nan")
 
         return np.array(self._convert(column, convert, "a number"), dtype=np.float64)
+
+    def classes(self, column: int) -> IntArray:
+        wanted = "one of " + ", ".join(CLASS_LABELS)
+        return np.array(
+            self._convert(column, CLASS_LABELS.index, wanted), dtype=np.int64
+        )
 
     def names(self, column: int, allowed: type[MatchStatus] | type[Status]) -> Names:
         wanted = "one of " + ", ".join(a.value for a in allowed)
@@ -267,6 +280,18 @@ def _read_motion(path: Path, finished: bool) -> MotionRows:
     table = _read_columns(path, 5, finished)
     odometry = np.column_stack([table.floats(k) for k in (1, 2, 3)])
     return MotionRows(table.floats(0), odometry, table.floats(4))
+
+
+def _read_observations(path: Path, finished: bool) -> ObservationRows:
+    table = _read_columns(path, 8, finished)
+    xx, xy, yy = (table.floats(k) for k in (4, 5, 6))
+    return ObservationRows(
+        stamp_s=table.floats(0),
+        observation=table.ints(1),
+        xy_m=np.column_stack([table.floats(2), table.floats(3)]),
+        cov_m2=np.stack([np.stack([xx, xy], -1), np.stack([xy, yy], -1)], -2),
+        cone_class=table.classes(7),
+    )
 
 
 def _read_summary(path: Path) -> dict[str, object]:

@@ -121,3 +121,31 @@ class MotionRows:
     def empty(cls) -> Self:
         """A run without odometry."""
         return cls(np.zeros(0), np.zeros((0, 3)), np.zeros(0))
+
+
+@dataclass(frozen=True, slots=True)
+class ObservationRows:
+    """The cones of every frame as the back end took them.
+
+    Attributes:
+        stamp_s: (N,) the frame's stamp.
+        observation: (N,) row of the cone in its frame.
+        xy_m: (N, 2) where it was seen, car frame.
+        cov_m2: (N, 2, 2) the covariance that was reported.
+        cone_class: (N,) the likeliest `ConeClass`.
+    """
+
+    stamp_s: Array
+    observation: IntArray
+    xy_m: Array
+    cov_m2: Array
+    cone_class: IntArray
+
+    def __len__(self) -> int:
+        return len(self.stamp_s)
+
+    @classmethod
+    def empty(cls) -> Self:
+        """A run without a cone."""
+        none, ints = np.zeros(0), np.zeros(0, dtype=np.int64)
+        return cls(none, ints, np.zeros((0, 2)), np.zeros((0, 2, 2)), ints)

@@ -25,6 +25,7 @@ from conegraph.io.plain import to_plain
 from conegraph.types import (
     CLASS_LABELS,
     ConeMap,
+    ConeObservations,
     FrameRecord,
     MatchStatus,
     Retraction,
@@ -43,6 +44,7 @@ STATUS = "status.csv"
 CONSISTENCY = "consistency.csv"
 POSE_COV = "pose_cov.csv"
 MOTION = "motion.csv"
+OBSERVATIONS = "observations.csv"
 SUMMARY = "summary.json"
 
 HEADERS: Mapping[str, str] = {
@@ -50,12 +52,22 @@ HEADERS: Mapping[str, str] = {
     TIMING: "t,stage,ms\n",
     STATUS: "t,status,reason,reset_counter\n",
     CONSISTENCY: "t,nis,dof\n",
+    OBSERVATIONS: "t,observation,x,y,cov_xx,cov_xy,cov_yy,class\n",
     MOTION: "t,odo_dx,odo_dy,odo_dyaw,yaw_rate_bias\n",
     POSE_COV: "t,cov_xx,cov_xy,cov_xyaw,cov_yy,cov_yyaw,cov_yawyaw\n",
     MAP: "id,x,y,class,p_blue,p_yellow,p_orange,p_big_orange,p_unknown,"
     "cov_xx,cov_xy,cov_yy,observations\n",
 }
-_GROWING = (TRAJECTORY, ASSOCIATIONS, TIMING, STATUS, CONSISTENCY, POSE_COV, MOTION)
+_GROWING = (
+    TRAJECTORY,
+    ASSOCIATIONS,
+    TIMING,
+    STATUS,
+    CONSISTENCY,
+    POSE_COV,
+    MOTION,
+    OBSERVATIONS,
+)
 _UPPER = np.triu_indices(3)
 _ONE_CELL = str.maketrans({",": ";", '"': "'", "\n": " ", "\r": " "})
 
@@ -114,6 +126,8 @@ class RunWriter:
                     for i, (status, landmark, d2) in enumerate(rows)
                 ),
             )
+        if len(record.observations):
+            self._append(OBSERVATIONS, _observation_lines(record.observations))
         t = f"{estimate.stamp_s:.9f}"
         self._append(
             TIMING, "".join(f"{t},{k},{v:.4f}\n" for k, v in record.stage_ms.items())
@@ -224,6 +238,17 @@ def tum_line(t_s: float, x_m: float, y_m: float, yaw_rad: float) -> str:
     """Return ``t x y z qx qy qz qw`` for a pose in the plane, as TUM files have it."""
     qz, qw = math.sin(0.5 * yaw_rad), math.cos(0.5 * yaw_rad)
     return f"{t_s:.9f} {x_m:z.9f} {y_m:z.9f} 0 0 0 {qz:z.9f} {qw:z.9f}\n"
+
+
+def _observation_lines(frame: ConeObservations) -> str:
+    cov = frame.cov_m2.reshape(-1, 4)[:, (0, 1, 3)]
+    rows = np.hstack([frame.xy_m, cov]).tolist()
+    named = frame.class_prob.argmax(axis=1).tolist()
+    t = f"{frame.stamp_s:.9f}"
+    return "".join(
+        f"{t},{i},{x:.4f},{y:.4f},{xx:.4g},{xy:.4g},{yy:.4g},{CLASS_LABELS[c]}\n"
+        for i, ((x, y, xx, xy, yy), c) in enumerate(zip(rows, named, strict=True))
+    )
 
 
 def _unwritable(path: Path, error: OSError) -> ConegraphError:
