@@ -2,24 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict
 
 from conegraph.bench.streams import Stream
+from conegraph.eval.row import Number, Row
 from conegraph.types import Array, IntArray
-
-Number = Annotated[
-    float, BeforeValidator(lambda value: np.nan if value is None else value)
-]
-"""A float whose NaN is JSON's null."""
-
-
-class Row(BaseModel):
-    """Frozen, without unknown keys."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", ser_json_inf_nan="null")
 
 
 class Job(Row):
