@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg.lapack import dpotrf, dtrtrs
 
 from conegraph.backends.motion import NV, Prediction
 from conegraph.backends.sensor_noise import transport_covariance
@@ -188,26 +188,26 @@ class LandmarkFilter:
             R = transport_covariance(cov_m2, xy_m, h, model)
         z = (xy_m - h).ravel()
         PHt = self._P[:, columns] @ H.T
-        Z = _add_blocks(H @ PHt[columns], R)
-        factor = cho_factor(Z, lower=True)
-        seen = Innovation(float(z @ cho_solve(factor, z)), len(z))
+        W, w = _whitened(_add_blocks(H @ PHt[columns], R), PHt, z)
+        seen = Innovation(float(w @ w), len(z))
         surprising = seen.nis > seen.dof + 4.0 * np.sqrt(2.0 * seen.dof)
         if surprising and doubt is not None:
             self.inflate(doubt)
             PHt = self._P[:, columns] @ H.T
-            factor = cho_factor(_add_blocks(H @ PHt[columns], R), lower=True)
-        self._apply(PHt, factor, z)
+            W, w = _whitened(_add_blocks(H @ PHt[columns], R), PHt, z)
+        self._apply(W, w)
         return seen
 
     def _update(self, PHt: Array, Z: Array, z: Array) -> None:
         """Apply the Kalman gain ``P H' Z^-1`` to a residual z."""
-        self._apply(PHt, cho_factor(Z, lower=True), z)
+        self._apply(*_whitened(Z, PHt, z))
 
-    def _apply(self, PHt: Array, factor: tuple[Array, bool], z: Array) -> None:
+    def _apply(self, W: Array, w: Array) -> None:
+        """Move the state by ``W' w``, and settle the covariance."""
         prior = self._x.copy()
-        self._x = prior + PHt @ cho_solve(factor, z)
+        self._x = prior + w @ W
         self._x[2] = wrap_angle(self._x[2])
-        self._settle(prior, solve_triangular(factor[0], PHt.T, lower=True))
+        self._settle(prior, W)
 
     def _settle(self, prior: Array, W: Array) -> None:
         """Take the gain's ``W`` (m, n) off the covariance: ``P -= W' W``.
@@ -237,7 +237,8 @@ class LandmarkFilter:
     ) -> Innovation:
         """Return the joint NIS ``z' Z^-1 z`` of matched cones before their update."""
         z, Z = self.residual(slot, xy_m, cov_m2, model)
-        return Innovation(float(z @ cho_solve(cho_factor(Z), z)), len(z))
+        w = _lower_solved(Z, z)
+        return Innovation(float(w @ w), len(z))
 
     def residual(
         self, slot: IntArray, xy_m: Array, cov_m2: Array, model: SensorModel | None
@@ -325,6 +326,32 @@ class LandmarkFilter:
         PHt = self._P[:, columns] @ H.T
         Z = H @ PHt[columns] + np.eye(2) * sigma_m**2
         self._update(PHt, Z, self._x[columns[2:]] - self._x[columns[:2]])
+
+
+def _whitened(Z: Array, PHt: Array, z: Array) -> tuple[Array, Array]:
+    """Return ``W = L^-1 H P`` (m, n) and ``w = L^-1 z`` (m,), with ``Z = L L'``.
+
+    The gain applied to z is then ``K z = W' w``, the covariance that it takes off
+    ``K Z K' = W' W``, and the innovation's ``z' Z^-1 z = w' w``.
+
+    Raises:
+        LinAlgError: Z is not positive definite.
+    """
+    solved = _lower_solved(Z, np.column_stack([PHt.T, z]))
+    return solved[:, :-1], solved[:, -1]
+
+
+def _lower_solved(Z: Array, right: Array) -> Array:
+    """Return ``L^-1`` times a matrix or vector, with ``Z = L L'``.
+
+    LAPACK's own routines: around so small a matrix, the checks of `scipy.linalg` take
+    longer than the work.
+    """
+    root, failed = dpotrf(Z, lower=True)
+    if failed:
+        raise np.linalg.LinAlgError("the innovation's covariance is not positive")
+    solved: Array = dtrtrs(root, right, lower=True)[0]
+    return solved
 
 
 def _add_blocks(matrix: Array, blocks: Array) -> Array:

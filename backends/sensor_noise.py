@@ -46,11 +46,11 @@ def transport_covariance(
     before = polar_sigmas(np.hypot(*measured_m.T), model)
     nearest = np.maximum(np.hypot(*predicted_m.T), model.min_range_m)
     after = polar_sigmas(nearest, model)
-    scale = np.stack([after[0] / before[0], after[1] / before[1]], axis=1)
-    old, new = _axes(measured_m), _axes(predicted_m)
-    local = old.transpose(0, 2, 1) @ cov_m2 @ old
-    local = local * scale[:, :, None] * scale[:, None, :]
-    moved: Array = new @ local @ new.transpose(0, 2, 1)
+    new = _axes(predicted_m)
+    new[:, :, 0] *= (after[0] / before[0])[:, None]
+    new[:, :, 1] *= (after[1] / before[1])[:, None]
+    move = new @ _axes(measured_m).transpose(0, 2, 1)
+    moved: Array = move @ cov_m2 @ move.transpose(0, 2, 1)
     return moved
 
 
@@ -73,9 +73,10 @@ def bearing_range_covariance(cov_m2: Array, xy_m: Array) -> Array:
 
 def _axes(xy_m: Array) -> Array:
     """Return (N, 2, 2) with the unit vectors along and across the ray as columns."""
-    r = np.maximum(np.hypot(xy_m[:, 0], xy_m[:, 1]), 1e-9)
-    c, s = xy_m[:, 0] / r, xy_m[:, 1] / r
-    return np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], -2)
+    axes = np.empty((len(xy_m), 2, 2))
+    axes[:, :, 0] = xy_m / np.maximum(np.hypot(*xy_m.T), 1e-9)[:, None]
+    axes[:, 0, 1], axes[:, 1, 1] = -axes[:, 1, 0], axes[:, 0, 0]
+    return axes
 
 
 GENERIC = SensorModel(np.array([0.05, 0.0, 0.0025]), 0.01)
