@@ -8,7 +8,7 @@ from typing import Literal
 
 from conegraph.eval.judge import RunMetrics
 from conegraph.eval.record import Record
-from conegraph.eval.verdict import verdict
+from conegraph.eval.verdict import findings
 from conegraph.io.plain import Plain
 
 Better = Literal["low", "high"] | None
@@ -129,16 +129,21 @@ class Comparison(Record):
     """The runs side by side.
 
     Attributes:
-        verdict: what the runs show, effect first.
+        findings: what the runs show in sentences, effect first.
         names: the runs.
         rows: the figures that at least one run has.
         warnings: what is odd, with the run it concerns unless it concerns all.
     """
 
-    verdict: str
+    findings: tuple[str, ...]
     names: tuple[str, ...]
     rows: tuple[Row, ...]
     warnings: tuple[str, ...]
+
+    @property
+    def verdict(self) -> str:
+        """All that the runs show."""
+        return " ".join(self.findings)
 
 
 def compare(metrics: Mapping[str, RunMetrics]) -> Comparison:
@@ -149,7 +154,7 @@ def compare(metrics: Mapping[str, RunMetrics]) -> Comparison:
         for figure in FIGURES
     ]
     return Comparison(
-        verdict=verdict(metrics),
+        findings=findings(metrics),
         names=tuple(metrics),
         rows=tuple(row for row in rows if any(v is not None for v in row.values)),
         warnings=_warnings(metrics),

@@ -1,127 +1,147 @@
-"""The report as one HTML file that needs no network."""
+"""A report as one HTML file that needs no network."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from html import escape
-from string import Template
+from itertools import groupby
 
-from conegraph.eval.comparison import Comparison, Row
-from conegraph.eval.overlay import ERROR_COLOUR, Overlay
-
-_PAGE = Template("""<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>$title</title>
-<style>
-:root { color-scheme: light; }
-body { font: 16px/1.5 system-ui, sans-serif; color: #1c1c1c; background: #fff;
-  max-width: 72rem; margin: 0 auto; padding: 1rem; }
-h1 { font-size: 1.1rem; color: #555; font-weight: 600; margin: 0; }
-h2 { font-size: 1.1rem; margin: 2rem 0 .5rem; }
-.verdict { font-size: 1.25rem; line-height: 1.4; margin: .5rem 0 1rem; }
-.warnings { background: #fff6dc; border-left: 4px solid #e0b000; margin: 1rem 0;
-  padding: .5rem 1rem .5rem 2rem; }
-.maps { display: grid; gap: 1rem;
-  grid-template-columns: repeat(auto-fit, minmax(min(26rem, 100%), 1fr)); }
-figure { margin: 0; border: 1px solid #ddd; border-radius: 6px; padding: .5rem; }
-figure svg { width: 100%; height: auto; display: block; }
-figcaption { font-size: .9rem; }
-.key { font-size: .85rem; color: #444; margin: .25rem 0 1rem; }
-.key b { color: $error; }
-.scroll { overflow-x: auto; }
-table { border-collapse: collapse; font-size: .9rem;
-  font-variant-numeric: tabular-nums; }
-th, td { padding: .2rem .6rem; text-align: right; white-space: nowrap; }
-th:first-child { text-align: left; font-weight: normal; white-space: normal; }
-thead th { border-bottom: 2px solid #888; }
-tbody tr:first-child th { font-weight: 600; padding-top: .8rem; }
-td.best { font-weight: 700; }
-tbody tr + tr { border-top: 1px solid #eee; }
-</style>
-</head>
-<body>
-<h1>$title</h1>
-<p class="verdict">$verdict</p>
-$warnings
-<h2>Maps over the truth</h2>
-<p class="key">Each run is turned and shifted to fit the truth best. Rings: true cones.
-Dots: the map. Grey line: true path. Black line: estimated path.
-<b>Lines</b>: errors of the map, stretched as stated. <b>&times;</b>: missed.
-+: no such cone. &#9633;: duplicate. Axes in metres.</p>
-<div class="maps">
-$maps
-</div>
-<h2>Figures</h2>
-<div class="scroll">
-<table>
-<thead><tr><th></th>$names</tr></thead>
-$groups
-</table>
-</div>
-<p class="key">Bold: best. Aligned: after the rotation and shift that fit best. ATE:
-absolute trajectory error, RMS. RPE: relative pose error. Lenient: from each cone of
-the map to the nearest true one, so that missing cones cost nothing.</p>
-</body>
-</html>
-""")
+from conegraph.eval.document import (
+    Block,
+    Commands,
+    Document,
+    Facts,
+    Gallery,
+    Paragraph,
+    Picture,
+    Section,
+    Table,
+    TableRow,
+)
+from conegraph.eval.style import CSS
 
 
-def html_text(
-    comparison: Comparison, overlays: Mapping[str, Overlay], title: str
-) -> str:
-    """Return ``report.html``: verdict, what to beware of, maps, all figures."""
-    return _PAGE.substitute(
-        title=escape(title),
-        error=ERROR_COLOUR,
-        verdict=_keep_units(escape(comparison.verdict)),
-        warnings=_warnings(comparison.warnings),
-        maps="\n".join(_figure(name, overlay) for name, overlay in overlays.items()),
-        names="".join(f'<th scope="col">{escape(n)}</th>' for n in comparison.names),
-        groups="\n".join(_groups(comparison)),
+def html_text(document: Document) -> str:
+    """Return the page: verdict, what to beware of, where to find what, evidence."""
+    title = escape(document.title)
+    return "\n".join(
+        [
+            '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">',
+            '<meta name="viewport" content="width=device-width, initial-scale=1">',
+            f"<title>{title}</title>\n<style>{CSS}</style>\n</head>\n<body>",
+            f'<header>\n<h1>{title}</h1>\n<p class="verdict">'
+            f"{_words(document.verdict)}</p>\n<p>{_words(document.details)}</p>\n</header>",
+            _warnings(document.warnings),
+            _contents(document.sections),
+            "<main>",
+            *(_section(section) for section in document.sections),
+            "</main>\n</body>\n</html>\n",
+        ]
     )
 
 
-def _keep_units(text: str) -> str:
-    """Keep a number and its unit on one line."""
-    return re.sub(r"(\d) (%|m\b|ms\b)", r"\1&nbsp;\2", text)
+def anchor(title: str) -> str:
+    """Return a name for links, made from a title."""
+    return re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")
+
+
+def _words(text: str) -> str:
+    """Escape, and keep a number and its unit on one line."""
+    return re.sub(r"(\d) (%|m\b|ms\b|s\b)", r"\1&nbsp;\2", escape(text))
 
 
 def _warnings(warnings: tuple[str, ...]) -> str:
     if not warnings:
         return ""
-    items = "".join(f"<li>{escape(warning)}</li>" for warning in warnings)
+    items = "".join(f"<li>{_words(warning)}</li>" for warning in warnings)
     return f'<ul class="warnings">{items}</ul>'
 
 
-def _figure(name: str, overlay: Overlay) -> str:
-    drawing = overlay.svg.replace(
-        "<svg ", f'<svg role="img" aria-label="map of {escape(name)}" ', 1
+def _contents(sections: tuple[Section, ...]) -> str:
+    links = "".join(
+        f'<a href="#{anchor(s.title)}">{escape(s.title)}</a> ' for s in sections
     )
-    cones = "cone" if overlay.outside == 1 else "cones"
-    outside = f", {overlay.outside} {cones} outside" if overlay.outside else ""
+    return f'<nav aria-label="Contents">{links}</nav>' if len(sections) > 1 else ""
+
+
+def _section(section: Section) -> str:
+    name = anchor(section.title)
+    blocks = "\n".join(_block(block) for block in section.blocks)
     return (
-        f"<figure><figcaption><strong>{escape(name)}</strong>: "
-        f"errors &times; {overlay.stretch}{outside}</figcaption>\n{drawing}</figure>"
+        f'<section aria-labelledby="{name}">\n'
+        f'<h2 id="{name}">{escape(section.title)}</h2>\n{blocks}\n</section>'
     )
 
 
-def _groups(comparison: Comparison) -> list[str]:
-    bodies: dict[str, list[str]] = {}
-    span = len(comparison.names) + 1
-    for row in comparison.rows:
-        group = row.figure.group
-        head = f'<tr><th scope="rowgroup" colspan="{span}">{escape(group)}</th></tr>'
-        bodies.setdefault(group, [head]).append(_row(row))
-    return [f"<tbody>\n{chr(10).join(rows)}\n</tbody>" for rows in bodies.values()]
+def _block(block: Block) -> str:
+    match block:
+        case Table():
+            return _table(block)
+        case Gallery():
+            figures = "\n".join(_figure(picture) for picture in block.pictures)
+            wide = "" if len(block.pictures) % 3 == 0 else " wide"
+            return f'<div class="gallery{wide}">\n{figures}\n</div>'
+        case Paragraph():
+            return f"<p>{_words(block.text)}</p>"
+        case Facts():
+            items = "".join(
+                f"<dt>{escape(name)}</dt><dd>{_words(what)}</dd>"
+                for name, what in block.items
+            )
+            return f"<dl>{items}</dl>"
+        case Commands():
+            lines = escape("\n".join(block.lines))
+            return (
+                f'<div class="commands"><p>{_words(block.title)}</p>'
+                f"<pre><code>{lines}</code></pre></div>"
+            )
 
 
-def _row(row: Row) -> str:
+def _figure(picture: Picture) -> str:
+    label = escape(f"{picture.title}. {picture.see}")
+    drawing = picture.svg.replace("<svg ", f'<svg role="img" aria-label="{label}" ', 1)
+    return (
+        f'<figure id="{picture.name}">\n{drawing}\n<figcaption>'
+        f"<strong>{_words(picture.title)}</strong>"
+        f"<span>{_words(picture.see)}</span></figcaption></figure>"
+    )
+
+
+def _table(table: Table) -> str:
+    head = "".join(
+        f'<th scope="col"{_class(i in table.words, "words")}>{_words(c)}</th>'
+        for i, c in enumerate(table.columns)
+    )
+    bodies = "\n".join(
+        _body(group, list(rows), table)
+        for group, rows in groupby(table.rows, key=lambda row: row.group)
+    )
+    caption = f"{table.caption} Bold: best." if table.marks_best else table.caption
+    # A box that scrolls must be reachable without a mouse.
+    return (
+        f'<div class="scroll" tabindex="0" role="region" '
+        f'aria-label="{escape(table.caption)}">\n<table>\n'
+        f"<caption>{_words(caption)}</caption>\n"
+        f'<thead><tr><th scope="col">{escape(table.corner)}</th>{head}</tr></thead>\n'
+        f"{bodies}\n</table>\n</div>"
+    )
+
+
+def _body(group: str, rows: list[TableRow], table: Table) -> str:
+    span = len(table.columns) + 1
+    head = f'<tr><th scope="rowgroup" colspan="{span}">{_words(group)}</th></tr>\n'
+    lines = "\n".join(_row(row, table.words) for row in rows)
+    return f"<tbody>\n{head if group else ''}{lines}\n</tbody>"
+
+
+def _row(row: TableRow, words: frozenset[int]) -> str:
     cells = "".join(
-        f'<td class="best">{cell}</td>' if i in row.best else f"<td>{cell}</td>"
+        f"<td{_class(i in row.best, 'best') or _class(i in words, 'words')}>"
+        f"{_words(cell)}</td>"
         for i, cell in enumerate(row.cells)
     )
-    return f'<tr><th scope="row">{escape(row.title)}</th>{cells}</tr>'
+    return f'<tr><th scope="row">{_words(row.title)}</th>{cells}</tr>'
+
+
+def _class(given: bool, name: str) -> str:
+    return f' class="{name}"' if given else ""

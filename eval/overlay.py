@@ -1,29 +1,26 @@
-"""Drawing a map and a path over the truth, as SVG text."""
+"""Drawing a map and a path over the truth."""
 
 from __future__ import annotations
 
-import io
-import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
-from conegraph.eval.judge import RunMetrics, Truth
+from conegraph.eval.document import Picture
+from conegraph.eval.drawing import LETTERS_PT, WIDTH_IN, dress, svg_text
 from conegraph.eval.matching import Matching, match_cones
-from conegraph.geometry import compose, to_parent
-from conegraph.io.run_folder import RunFolder
-from conegraph.types import Array, ConeClass, IntArray, TruthMap
+from conegraph.eval.series import PlacedMap
+from conegraph.types import Array, ConeClass
 
 CONE_COLOUR: dict[ConeClass, str] = {
     ConeClass.BLUE: "#1f5fbf",
-    ConeClass.YELLOW: "#e0b000",
+    ConeClass.YELLOW: "#d9a800",
     ConeClass.ORANGE: "#f07818",
     ConeClass.BIG_ORANGE: "#b84800",
     ConeClass.UNKNOWN: "#808080",
@@ -31,58 +28,72 @@ CONE_COLOUR: dict[ConeClass, str] = {
 TRUTH_COLOUR = "#9a9a9a"
 PATH_COLOUR = "#2a2a2a"
 ERROR_COLOUR = "#d0006f"
-STRETCHES = (1, 2, 5, 10, 20, 50, 100)
-WIDTH_IN = 5.6
-LABELS_IN = 0.6
+STRETCHES = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
+LABELS_IN = 0.5
 MARGIN_M = 4.0
 
-
-@dataclass(frozen=True, slots=True)
-class Overlay:
-    """A picture of one run.
-
-    Attributes:
-        svg: the drawing, an ``<svg>`` element.
-        stretch: how many times its length each error vector is drawn; the same in
-            all pictures of a report, so that they can be compared.
-        outside: cones of the map that lie beyond the picture.
-    """
-
-    svg: str
-    stretch: int
-    outside: int
+KEY = (
+    "Each map is turned and shifted to fit the truth best. Rings are true cones, dots "
+    "the map; the grey line is the true path, the black one the path while driving. "
+    "Magenta lines are the errors of the map, stretched as stated; crosses are "
+    "missed cones, plus signs cones that are not there, squares "
+    "duplicates. Axes in metres."
+)
 
 
 def draw_overlays(
-    runs: Mapping[str, RunFolder], truth: Truth, metrics: Mapping[str, RunMetrics]
-) -> dict[str, Overlay]:
-    """Draw each run's map and path where they fit the truth best.
+    maps: Mapping[str, PlacedMap], titles: Mapping[str, str] | None = None
+) -> tuple[Picture, ...]:
+    """Draw maps over the truth, with errors stretched alike so that they compare.
 
     The view follows the truth, so that a map that ran away does not shrink the
-    track to a dot. The same runs give the same text.
+    track to a dot. The same maps give the same pictures.
+
+    Args:
+        maps: by a name that is unique in the page.
+        titles: what to write under each; the name by default.
     """
-    stretch = min(
-        (_stretch(run, truth, metrics[n]) for n, run in runs.items()), default=1
+    fits = sorted(_stretch(placed) for placed in maps.values())
+    stretch = fits[(len(fits) - 1) // 2] if fits else 1
+    written = titles or {}
+    return tuple(
+        _draw(placed, f"map-{i}", written.get(name, name), stretch)
+        for i, (name, placed) in enumerate(maps.items(), 1)
     )
-    return {n: _draw(run, truth, metrics[n], stretch) for n, run in runs.items()}
 
 
-def _draw(run: RunFolder, truth: Truth, metrics: RunMetrics, stretch: int) -> Overlay:
-    pose = _placement(metrics)
-    cones = to_parent(pose, run.cone_map.xy_m)
-    path = compose(pose, run.trajectory.pose)[:, :2]
-    low, high = _view(cones, path, truth)
+def _draw(placed: PlacedMap, name: str, title: str, stretch: int) -> Picture:
+    low, high = _view(placed)
     figure, axes = _axes(low, high)
-    if truth.trajectory is not None:
-        axes.plot(*truth.trajectory.pose[:, :2].T, color=TRUTH_COLOUR, lw=2.5)
-    axes.plot(*path.T, color=PATH_COLOUR, lw=0.8)
-    _mark(axes, cones, s=9, lw=0, c=_colours(run.cone_map.cone_class), zorder=3)
-    if truth.cones is not None and metrics.map is not None:
-        matching = match_cones(cones, truth.cones.xy_m, metrics.map.gate_m)
-        _draw_truth(axes, cones, truth.cones, matching, stretch)
+    if placed.true_path_m is not None:
+        axes.plot(*placed.true_path_m.T, color=TRUTH_COLOUR, lw=2.5)
+    axes.plot(*placed.path_m.T, color=PATH_COLOUR, lw=0.8)
+    for cone_class in np.unique(placed.cone_class).tolist():
+        cones = placed.xy_m[placed.cone_class == cone_class]
+        colour = CONE_COLOUR[ConeClass(cone_class)]
+        _mark(axes, cones, s=9, lw=0, c=colour, zorder=3)
+    matching = _matching(placed)
+    if matching is not None and placed.true_xy_m is not None:
+        _draw_truth(axes, placed, placed.true_xy_m, matching, stretch)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
-    outside = int(((cones < low) | (cones > high)).any(axis=1).sum())
-    return Overlay(_svg(figure), stretch, outside)
+    outside = int(((placed.xy_m < low) | (placed.xy_m > high)).any(axis=1).sum())
+    see = _see(matching, stretch, outside)
+    return Picture(name, title, see, svg_text(figure, name))
+
+
+def _see(matching: Matching | None, stretch: int, outside: int) -> str:
+    parts = []
+    if matching is not None:
+        missed, false = len(matching.missed), len(matching.false)
+        parts = [
+            f"errors {stretch} times enlarged",
+            f"{missed} missed",
+            f"{false} not there",
+            f"{len(matching.duplicate)} duplicates",
+        ]
+    if outside:
+        parts.append(f"{outside} cone{'s' if outside > 1 else ''} outside")
+    return f"{', '.join(parts)}.".capitalize() if parts else "No true map to compare."
 
 
 def _axes(low: Array, high: Array) -> tuple[Figure, Axes]:
@@ -95,44 +106,49 @@ def _axes(low: Array, high: Array) -> tuple[Figure, Axes]:
     FigureCanvasSVG(figure)
     left, bottom = 0.8 * LABELS_IN / WIDTH_IN, 0.6 * LABELS_IN / total
     axes = figure.add_axes((left, bottom, width / WIDTH_IN, height / total))
+    dress(axes)
     axes.set_aspect("equal")
-    axes.tick_params(labelsize=11)
-    axes.grid(color="#ececec", lw=0.6)
-    axes.set_axisbelow(True)
+    axes.tick_params(labelsize=LETTERS_PT - 1.0)
+    axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))
+    axes.yaxis.set_major_locator(MaxNLocator(6, integer=True))
     return figure, axes
 
 
-def _placement(metrics: RunMetrics) -> Array:
-    if metrics.map is not None and metrics.map.matched > 1:
-        return metrics.map.pose_truth_run
-    if metrics.trajectory is not None:
-        return metrics.trajectory.pose_truth_run
-    return np.zeros(3)
-
-
-def _view(cones: Array, path: Array, truth: Truth) -> tuple[Array, Array]:
+def _view(placed: PlacedMap) -> tuple[Array, Array]:
     """Return the lower left and upper right corner of what is shown."""
-    known = [] if truth.cones is None else [truth.cones.xy_m]
-    known += [] if truth.trajectory is None else [truth.trajectory.pose[:, :2]]
-    points = np.concatenate(known or [cones, path])
+    known = [p for p in (placed.true_xy_m, placed.true_path_m) if p is not None]
+    points = np.concatenate(known or [placed.xy_m, placed.path_m])
     points = points[np.isfinite(points).all(axis=1)]
     if len(points) == 0:
         points = np.zeros((1, 2))
     return points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M
 
 
+def _matching(placed: PlacedMap) -> Matching | None:
+    if placed.true_xy_m is None:
+        return None
+    finite = np.isfinite(placed.xy_m)
+    # What is not finite is nowhere, so it is near no true cone.
+    return match_cones(np.where(finite, placed.xy_m, 1e12), placed.true_xy_m)
+
+
 def _draw_truth(
-    axes: Axes, cones: Array, truth: TruthMap, matching: Matching, stretch: int
+    axes: Axes, placed: PlacedMap, truth_xy_m: Array, matching: Matching, stretch: int
 ) -> None:
     """Draw true cones, what is wrong with the map, and stretched error vectors."""
     hollow = {"facecolors": "none"}
-    _mark(
-        axes, truth.xy_m, s=34, lw=0.7, edgecolors=_colours(truth.cone_class), **hollow
-    )
-    _mark(axes, truth.xy_m[matching.missed], s=60, c=ERROR_COLOUR, marker="x")
+    classes = placed.true_class
+    if classes is None:
+        classes = np.full(len(truth_xy_m), ConeClass.UNKNOWN.value)
+    for cone_class in np.unique(classes).tolist():
+        edge = CONE_COLOUR[ConeClass(cone_class)]
+        xy = truth_xy_m[classes == cone_class]
+        _mark(axes, xy, s=34, lw=0.7, edgecolors=edge, **hollow)
+    cones = placed.xy_m
+    _mark(axes, truth_xy_m[matching.missed], s=60, c=ERROR_COLOUR, marker="x")
     _mark(axes, cones[matching.false], s=40, c="black", marker="+")
     _mark(axes, cones[matching.duplicate], s=60, ec="black", marker="s", **hollow)
-    start = truth.xy_m[matching.truth]
+    start = truth_xy_m[matching.truth]
     error = cones[matching.estimate] - start
     lines = np.stack([start, start + stretch * error], axis=1)
     axes.add_collection(LineCollection(list(lines), colors=ERROR_COLOUR, lw=1.1))
@@ -142,30 +158,12 @@ def _mark(axes: Axes, xy_m: Array, **style: Any) -> None:
     axes.scatter(xy_m[:, 0], xy_m[:, 1], **style)
 
 
-def _colours(classes: IntArray) -> list[str]:
-    return [CONE_COLOUR[ConeClass(c)] for c in classes.tolist()]
-
-
-def _stretch(run: RunFolder, truth: Truth, metrics: RunMetrics) -> int:
+def _stretch(placed: PlacedMap) -> int:
     """Return the factor that makes the larger errors about a fortieth of the view."""
-    if truth.cones is None or metrics.map is None:
+    matching = _matching(placed)
+    if matching is None or len(matching) == 0:
         return STRETCHES[-1]
-    cones = to_parent(_placement(metrics), run.cone_map.xy_m)
-    matching = match_cones(cones, truth.cones.xy_m, metrics.map.gate_m)
-    if len(matching) == 0:
-        return STRETCHES[-1]
-    low, high = _view(cones, cones, truth)
+    low, high = _view(placed)
     large = float(np.percentile(matching.distance_m, 90))
     fits = [k for k in STRETCHES if k * large <= float(np.max(high - low)) / 40.0]
     return max(fits, default=1)
-
-
-def _svg(figure: Figure) -> str:
-    text = io.StringIO()
-    # Text stays text, and ids depend on nothing but the drawing.
-    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "conegraph"}):
-        figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
-    drawing = text.getvalue()
-    # Names of groups would occur twice in a page with two drawings; nothing uses them.
-    anonymous = re.sub(r'<g id="[^"]*"', "<g", drawing[drawing.index("<svg") :])
-    return anonymous.rstrip()

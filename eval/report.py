@@ -7,20 +7,40 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Table as TerminalTable
 
 from conegraph.eval.comparison import Comparison, compare
+from conegraph.eval.document import (
+    Block,
+    Commands,
+    Document,
+    Gallery,
+    Paragraph,
+    Section,
+    Table,
+    TableRow,
+)
+from conegraph.eval.html import html_text
 from conegraph.eval.judge import RunMetrics, Truth
+from conegraph.eval.markdown import markdown_text
 from conegraph.io.plain import to_plain
 from conegraph.io.run_folder import RunFolder
 from conegraph.io.run_writer import replace_text
 
 SCHEMA_VERSION = 1
 
+WORDS = (
+    "Aligned: after the rotation and shift that fit best. ATE: absolute trajectory "
+    "error, RMS. RPE: relative pose error. Lenient: from each cone of the map to the "
+    "nearest true one, so that missing cones cost nothing."
+)
 
-def render_table(comparison: Comparison) -> Table:
+
+def render_table(comparison: Comparison) -> TerminalTable:
     """Return one table with a column a run and the best value of each row in bold."""
-    table = Table(caption="bold: best", caption_justify="left")
+    stands_out = any(row.best for row in comparison.rows)
+    caption = "bold: best" if stands_out else None
+    table = TerminalTable(caption=caption, caption_justify="left")
     table.add_column("")
     for name in comparison.names:
         table.add_column(escape(name), justify="right")
@@ -52,20 +72,6 @@ def json_text(comparison: Comparison, metrics: Mapping[str, RunMetrics]) -> str:
     return json.dumps(plain, indent=2, allow_nan=False) + "\n"
 
 
-def markdown_text(comparison: Comparison, title: str) -> str:
-    """Return ``report.md``: verdict first, then the table with the best in bold."""
-    lines = [f"# {title}", "", comparison.verdict, ""]
-    lines += [f"> {warning}" for warning in comparison.warnings]
-    lines += ["", f"| | {' | '.join(comparison.names)} |"]
-    lines += ["|---|" + "---:|" * len(comparison.names)]
-    for row in comparison.rows:
-        cells = [
-            f"**{cell}**" if i in row.best else cell for i, cell in enumerate(row.cells)
-        ]
-        lines.append(f"| {row.figure.group}: {row.title} | {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
-
-
 def write_report(
     folder: Path,
     runs: Mapping[str, RunFolder],
@@ -86,13 +92,63 @@ def write_report(
     Raises:
         ConegraphError: a file cannot be written.
     """
-    # Drawing costs most of a second to import, which a table does not need.
-    from conegraph.eval.html import html_text
-    from conegraph.eval.overlay import draw_overlays
-
     comparison = compare(metrics)
-    overlays = draw_overlays(runs, truth, metrics)
+    document = Document(
+        title,
+        comparison.findings[0],
+        comparison.warnings,
+        _sections(comparison, runs, metrics, truth),
+        details=" ".join(comparison.findings[1:]),
+    )
     replace_text(folder / "report.json", json_text(comparison, metrics))
-    replace_text(folder / "report.md", markdown_text(comparison, title))
-    replace_text(folder / "report.html", html_text(comparison, overlays, title))
+    replace_text(folder / "report.md", markdown_text(document))
+    replace_text(folder / "report.html", html_text(document))
     return comparison
+
+
+def _sections(
+    comparison: Comparison,
+    runs: Mapping[str, RunFolder],
+    metrics: Mapping[str, RunMetrics],
+    truth: Truth,
+) -> tuple[Section, ...]:
+    # Drawing costs most of a second to import, which a table does not need.
+    from conegraph.eval.overlay import KEY, draw_overlays
+    from conegraph.eval.series import placed_map, run_series
+    from conegraph.eval.series_figures import series_pictures
+
+    maps = {name: placed_map(run, truth, metrics[name]) for name, run in runs.items()}
+    series = {name: [run_series(run, truth)] for name, run in runs.items()}
+    found: list[tuple[str, tuple[Block, ...]]] = []
+    if maps:
+        drawn = Gallery(draw_overlays(maps))
+        found.append(("Maps over the truth", (Paragraph(KEY), drawn)))
+    along = series_pictures(series)
+    if along:
+        found.append(("Along the way", (Gallery(tuple(along)),)))
+    found.append(("All figures", (figure_table(comparison), Paragraph(WORDS))))
+    recorded = tuple(run.folder for run in runs.values() if run.folder.is_dir())
+    if recorded:
+        found.append(("Look closer", (_replay(recorded),)))
+    return tuple(Section(title, blocks) for title, blocks in found)
+
+
+def figure_table(comparison: Comparison) -> Table:
+    """Return all figures with a column a run."""
+    rows = tuple(
+        TableRow(row.title, row.cells, row.best, row.figure.group)
+        for row in comparison.rows
+    )
+    return Table("Every figure of each run.", comparison.names, rows)
+
+
+def _replay(folders: tuple[Path, ...]) -> Commands:
+    repeat = [
+        f"conegraph run -c {folder / 'config.toml'} --save-rrd --out {folder}-again"
+        for folder in folders
+    ]
+    show = [f"conegraph view {folder}-again" for folder in folders]
+    return Commands(
+        "Run it again with a recording, and open that in Rerun:",
+        tuple(line for pair in zip(repeat, show, strict=True) for line in pair),
+    )

@@ -23,15 +23,15 @@ ONE_RUN = (
 _Values = dict[str, float]
 
 
-def verdict(metrics: Mapping[str, RunMetrics]) -> str:
-    """Return a verdict: effect first, "no difference shown" where there is none."""
+def findings(metrics: Mapping[str, RunMetrics]) -> tuple[str, ...]:
+    """Return sentences: effect first, "no difference shown" where there is none."""
     if not metrics:
-        return "Nothing was run, so there is nothing to compare."
+        return ("Nothing was run, so there is nothing to compare.",)
     judged = any(
         m.map is not None or m.trajectory is not None for m in metrics.values()
     )
     if not judged:
-        return f"There is no truth to judge accuracy by. {_speed(metrics)}".strip()
+        return _said("There is no truth to judge accuracy by.", _speed(metrics))
     map_error = _values(metrics, lambda m: m.map.rmse_aligned_m if m.map else math.nan)
     recall = _values(metrics, lambda m: m.map.recall if m.map else math.nan)
     precision = _values(metrics, lambda m: m.map.precision if m.map else math.nan)
@@ -39,16 +39,19 @@ def verdict(metrics: Mapping[str, RunMetrics]) -> str:
         metrics, lambda m: m.trajectory.ate_se2.rmse_m if m.trajectory else math.nan
     )
     if len(metrics) == 1:
-        return _alone(metrics, map_error, recall, precision, path_error)
-    said = [
+        return (_alone(metrics, map_error, recall, precision, path_error),)
+    return _said(
         _without_map(metrics, map_error),
         _share_contest("misses the most cones", "recall", recall),
         _share_contest("has the most cones that are not there", "precision", precision),
         _error_contest("map", "aligned RMSE", map_error),
         _error_contest("path", "aligned ATE while driving", path_error),
         ONE_RUN,
-    ]
-    return " ".join(sentence for sentence in said if sentence)
+    )
+
+
+def _said(*sentences: str) -> tuple[str, ...]:
+    return tuple(sentence for sentence in sentences if sentence)
 
 
 def _values(

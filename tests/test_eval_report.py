@@ -137,6 +137,15 @@ def test_without_truth_only_time_is_compared() -> None:
     assert groups == {"Laps", "Status", "Time per frame"}
 
 
+def test_where_nothing_is_best_nothing_is_said_of_it(tmp_path: Path) -> None:
+    truth, run = truth_and_run()
+    metrics = judged(truth, ekf=run)
+    write_report(tmp_path, {"ekf": run}, metrics, truth)
+    for name in ("report.html", "report.md"):
+        assert "Bold: best" not in (tmp_path / name).read_text(encoding="utf-8")
+    assert render_table(compare(metrics)).caption is None
+
+
 def test_one_run_is_described_and_nothing_is_compared() -> None:
     truth, run = truth_and_run()
     comparison = compare(judged(truth, ekf=off_by(run, 0.1, 0.2)))
@@ -226,12 +235,23 @@ def test_the_html_needs_no_network_and_shows_every_run(tmp_path: Path) -> None:
     page = Links()
     page.feed(html)
     assert page.fetched == []
-    assert page.drawings == ["map of ekf", "map of isam2"]
+    assert [d.split(".")[0] for d in page.drawings] == [
+        "ekf",
+        "isam2",
+        "Error while driving",
+        "Time per frame",
+    ]
+    assert all(d.endswith(".") for d in page.drawings)
+    ids = re.findall(r'\bid="([^"]*)"', html)
+    assert len(ids) == len(set(ids))
+    used = re.findall(r'href="#([^"]*)"|url\(#([^)]*)\)', html)
+    assert {a or b for a, b in used} <= set(ids)
     assert not re.search(r"url\((?!#)|@import|<script", html)
     assert '<g id="' not in html
-    assert html.count("errors &times; 10") == 2
+    assert html.count("Errors 10 times enlarged") == 4
     assert "<h1>Ellipse &lt;1&gt;</h1>" in html
-    assert html.index("isam2&#x27;s map is 75&nbsp;% closer") < html.index("<svg")
+    assert html.index("ekf misses the most cones") < html.index("<svg")
+    assert "isam2&#x27;s map is 75&nbsp;% closer" in html
     assert 'name="viewport"' in html
 
 
@@ -253,6 +273,8 @@ def test_the_markdown_is_a_table_with_the_best_in_bold(tmp_path: Path) -> None:
     assert "| Map: RMSE, aligned [m] | 0.200 | **0.050** |" in lines
     table = [line for line in lines if line.startswith("|")]
     assert {line.count("|") for line in table} == {4}
+    assert any(line.endswith("Bold: best.") for line in lines)
+    assert "- [Error while driving](report.html#error-over-distance): " in markdown
 
 
 def test_a_run_that_ran_away_does_not_shrink_the_picture(tmp_path: Path) -> None:
@@ -269,7 +291,7 @@ def test_a_run_that_ran_away_does_not_shrink_the_picture(tmp_path: Path) -> None
     write_report(tmp_path, {"ekf": lost}, judged(truth, ekf=lost), truth)
     html = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "1 cone outside" in html
-    assert len(html) < 200_000
+    assert len(html) < 300_000
 
 
 def test_runs_without_truth_or_map_are_drawn_as_well(tmp_path: Path) -> None:
@@ -277,7 +299,7 @@ def test_runs_without_truth_or_map_are_drawn_as_well(tmp_path: Path) -> None:
     empty = without(run, np.zeros(N, dtype=np.bool_))
     runs = {"ekf": run, "isam2": empty}
     write_report(tmp_path, runs, judged(Truth(), **runs), Truth())
-    assert (tmp_path / "report.html").read_text(encoding="utf-8").count("<svg") == 2
+    assert (tmp_path / "report.html").read_text(encoding="utf-8").count("<svg") == 3
 
 
 def test_a_folder_that_is_not_there_is_one_error(tmp_path: Path) -> None:
