@@ -66,6 +66,11 @@ class SuiteRow(Row):
         return bool(self.reason)
 
     @property
+    def broke_off(self) -> bool:
+        """Whether it did not come to its end."""
+        return self.status == "failed"
+
+    @property
     def contender(self) -> str:
         """What is compared: ``ekf``, or ``ekf/thesis`` with another profile."""
         named = self.backend

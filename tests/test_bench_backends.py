@@ -13,16 +13,17 @@ import typer
 from conegraph.bench.accuracy_figures import accuracy_figures
 from conegraph.bench.backends import figures_of, measure_all
 from conegraph.bench.figure import Figure, at_most
+from conegraph.bench.journal import Journal
 from conegraph.bench.lap_truth import true_lap_ends
 from conegraph.bench.latency_figures import latency_figures
 from conegraph.bench.memory import PeakMemory
 from conegraph.bench.plan import ACCURACY, KNOWN, LONG, LONG_LAPS, SIZES, Plan
-from conegraph.bench.rows import CostRow, Job, LapRow, ReferenceRow, RunRow
+from conegraph.bench.rows import AnyRow, CostRow, Job, LapRow, ReferenceRow, RunRow
 from conegraph.bench.run import as_they_came
 from conegraph.bench.run_log import RunLog
-from conegraph.bench.runner import RowFile, reference_of, run_one
 from conegraph.bench.streams import Stream, drives, sized_course, track_names
-from conegraph.bench.worker import Task
+from conegraph.bench.worker import Task, reference_of, work
+from conegraph.bench.workers import Processes
 from conegraph.cli import main
 from conegraph.cli.bench_backends import _seeds
 from conegraph.errors import SourceError
@@ -245,25 +246,30 @@ def test_growth_and_cost() -> None:
 
 
 def test_rows_survive_a_kill(tmp_path: Path) -> None:
-    file = RowFile(tmp_path / "rows.jsonl")
+    kinds = (ReferenceRow, CostRow, RunRow)
+    file = Journal[AnyRow](tmp_path / "rows.jsonl", kinds)
     fine = run("ekf", map_nees=float("nan"))
     failed = RunRow(job=Job(group=KNOWN, stream=STREAM, backend="ekf"), reason="boom")
     file.add(fine)
     file.add(failed)
     with (tmp_path / "rows.jsonl").open("a", encoding="utf-8") as rows:
         rows.write('{"job": {"group": "acc')
-    again = RowFile(tmp_path / "rows.jsonl")
+    again = Journal[AnyRow](tmp_path / "rows.jsonl", kinds)
     # What failed, and what was cut off, is done again.
     assert list(again.rows) == [fine.job.key]
     row = again.rows[fine.job.key]
     assert isinstance(row, RunRow)
     assert np.isnan(row.map_nees)
     assert row.model_dump_json() == fine.model_dump_json()
+    # A row after one that was cut off is not lost with it.
+    again.add(failed.model_copy(update={"reason": ""}))
+    assert len(Journal[AnyRow](tmp_path / "rows.jsonl", kinds).rows) == 2
 
 
 def test_a_worker_says_why_it_failed() -> None:
     job = Job(group=ACCURACY, stream=Stream(track="no-such-track"), backend="ekf")
-    row = run_one(Task(job=job))
+    with Processes(1) as workers:
+        row = workers.call(work, Task(job=job))
     assert isinstance(row, RunRow)
     assert row.reason.startswith("SourceError: sim:no-such-track: neither")
 

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from conegraph.bench.accuracy_figures import accuracy_figures
 from conegraph.bench.figure import Figure
+from conegraph.bench.journal import Journal
 from conegraph.bench.latency_figures import latency_figures
 from conegraph.bench.plan import Plan
-from conegraph.bench.rows import CostRow, ReferenceRow, RunRow
-from conegraph.bench.runner import RowFile, run_all
+from conegraph.bench.rows import AnyRow, CostRow, Job, ReferenceRow, RunRow
+from conegraph.bench.runner import grouped, run_chains
+from conegraph.bench.worker import Task, failed, reference_of, work
+from conegraph.bench.workers import Processes, WorkerError, Workers
 
 ROWS = "rows.jsonl"
 
@@ -44,16 +47,38 @@ def measure_all(
         done: is told how many jobs are done.
     """
     out.mkdir(parents=True, exist_ok=True)
-    file = RowFile(out / ROWS)
+    journal = Journal[AnyRow](out / ROWS, (ReferenceRow, CostRow, RunRow))
     together, alone = plan.side_by_side(), plan.one_by_one()
-    run_all(together, file, at_once, done)
-    run_all(alone, file, 1, lambda n: done(len(together) + n))
-    wanted = [file.rows[job.key] for job in (*together, *alone)]
+    with Processes(at_once) as workers:
+        _do(together, journal, workers, done)
+    with Processes(1, fresh=True) as workers:
+        _do(alone, journal, workers, lambda n: done(len(together) + n))
+    wanted = [journal.rows[job.key] for job in (*together, *alone)]
     return Rows(
         tuple(row for row in wanted if isinstance(row, RunRow)),
         tuple(row for row in wanted if isinstance(row, ReferenceRow)),
         tuple(row for row in wanted if isinstance(row, CostRow)),
     )
+
+
+def _do(
+    jobs: Sequence[Job],
+    journal: Journal[AnyRow],
+    workers: Workers,
+    done: Callable[[int], None],
+) -> None:
+    """Do the jobs of one stream one after another, its batch optimum first."""
+
+    def do(job: Job) -> AnyRow:
+        reference = journal.rows.get(reference_of(job).key)
+        known = reference if isinstance(reference, ReferenceRow) else None
+        try:
+            return workers.call(work, Task(job=job, reference=known))
+        except WorkerError as error:
+            return failed(job, str(error))
+
+    chains = grouped(jobs, lambda job: reference_of(job).key)
+    run_chains(chains, journal, do, workers.at_once, done)
 
 
 def figures_of(rows: Rows) -> list[Figure]:

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from itertools import product
 
 from conegraph.bench.rows import Job
-from conegraph.bench.runner import reference_of
 from conegraph.bench.streams import SIZED, Stream
-from conegraph.bench.worker import COST
+from conegraph.bench.worker import COST, reference_of
 
 ACCURACY, KNOWN = "accuracy", "known"
 STRESS, STRESS_KNOWN = "stress", "stress-known"

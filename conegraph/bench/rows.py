@@ -6,6 +6,7 @@ import numpy as np
 
 from conegraph.bench.streams import Stream
 from conegraph.eval.row import Number, Row
+from conegraph.eval.suite_metrics import DIVERGED_M, LEAST_PRECISION
 from conegraph.types import Array, IntArray
 
 
@@ -76,6 +77,11 @@ class ReferenceRow(Row):
     pose_bound_m: Number = np.nan
     wall_s: Number = np.nan
     reason: str = ""
+
+    @property
+    def broke_off(self) -> bool:
+        """Whether there is none."""
+        return bool(self.reason)
 
 
 class LapRow(Row):
@@ -159,6 +165,16 @@ class RunRow(Row):
     wall_s: Number = np.nan
 
     @property
+    def key(self) -> str:
+        """That of its job."""
+        return self.job.key
+
+    @property
+    def broke_off(self) -> bool:
+        """Whether the run did not come to its end."""
+        return bool(self.reason)
+
+    @property
     def map_ratio(self) -> float:
         """Error of the final map over the batch optimum's."""
         return self.map_rmse_m / self.batch_rmse_m
@@ -171,7 +187,7 @@ class RunRow(Row):
     @property
     def diverged(self) -> bool:
         """Whether the pose was ever off by 2 m, or a tenth of the map false."""
-        fine = self.pose_max_m <= 2.0 and self.precision >= 0.9
+        fine = self.pose_max_m <= DIVERGED_M and self.precision >= LEAST_PRECISION
         return bool(self.reason) or not fine
 
 
@@ -182,3 +198,16 @@ class CostRow(Row):
     cones: int = 0
     frame_ms: Number = np.nan
     reason: str = ""
+
+    @property
+    def key(self) -> str:
+        """That of its job."""
+        return self.job.key
+
+    @property
+    def broke_off(self) -> bool:
+        """Whether nothing was measured."""
+        return bool(self.reason)
+
+
+AnyRow = ReferenceRow | CostRow | RunRow

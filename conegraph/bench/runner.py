@@ -1,128 +1,75 @@
-"""Runs measurements side by side, and remembers those that are done."""
+"""Does jobs side by side, and remembers those that are done."""
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 import threading
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
-from typing import TypeVar
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from typing import Protocol, TypeVar
 
-from pydantic import ValidationError
+from conegraph.bench.journal import Journal, Line
 
-from conegraph.bench.rows import CostRow, Job, ReferenceRow, RunRow
-from conegraph.bench.worker import REFERENCE, Task, failed
 
-LONGEST_S = 3600.0
-"""A measurement that takes longer has hung."""
+class Keyed(Protocol):
+    """A job, known by the key of its row."""
 
-AnyRow = ReferenceRow | CostRow | RunRow
+    @property
+    def key(self) -> str:
+        """What tells it from all others."""
+
+
+J = TypeVar("J", bound=Keyed)
+R = TypeVar("R", bound=Line)
 T = TypeVar("T")
 
 
-class RowFile:
-    """Rows as JSON lines: a benchmark that was killed goes on where it was."""
-
-    def __init__(self, path: Path) -> None:
-        """Read the rows that are there; a line that was cut off is done again."""
-        self._path = path
-        self._lock = threading.Lock()
-        self.rows: dict[str, AnyRow] = {}
-        if path.exists():
-            for line in path.read_text(encoding="utf-8").splitlines():
-                row = _parsed(line)
-                if row is not None and not row.reason:
-                    self.rows[_key(row)] = row
-
-    def add(self, row: AnyRow) -> None:
-        """Append a row."""
-        with self._lock:
-            self.rows[_key(row)] = row
-            with self._path.open("a", encoding="utf-8") as file:
-                file.write(row.model_dump_json() + "\n")
-
-
-def run_all(
-    jobs: Sequence[Job], file: RowFile, at_once: int, done: Callable[[int], None]
+def run_chains(
+    chains: Sequence[Sequence[J]],
+    journal: Journal[R],
+    do: Callable[[J], R],
+    at_once: int,
+    done: Callable[[int], None],
 ) -> None:
-    """Do what has not been done yet, each job in a process of its own.
-
-    The jobs of one stream are done one after another, its batch optimum first; that
-    many streams are worked on at once.
+    """Do what the journal does not have yet.
 
     Args:
-        jobs: what to measure.
-        file: the rows that there are, and where new ones go.
-        at_once: processes.
+        chains: jobs that are done one after another by one thread: those of one
+            stream, which is then made once.
+        journal: the rows that there are, and where new ones go.
+        do: does a job, and returns also of one that broke off a row.
+        at_once: chains that are worked on at once.
         done: is told how many jobs are done.
     """
-    finished = sum(job.key in file.rows for job in jobs)
+    finished = sum(job.key in journal.rows for chain in chains for job in chain)
     done(finished)
-    waiting = [job for job in jobs if job.key not in file.rows]
-    lock = threading.Lock()
+    lock, stop = threading.Lock(), threading.Event()
 
-    def follow(stream_jobs: list[Job]) -> None:
+    def follow(chain: Iterable[J]) -> None:
         nonlocal finished
-        for job in stream_jobs:
-            reference = file.rows.get(reference_of(job).key)
-            known = reference if isinstance(reference, ReferenceRow) else None
-            file.add(run_one(Task(job=job, reference=known)))
+        for job in chain:
+            if job.key in journal.rows:
+                continue
+            row = do(job)
+            if stop.is_set():
+                return
             with lock:
+                journal.add(row)
                 finished += 1
                 done(finished)
 
-    by_stream = _grouped(waiting, lambda job: reference_of(job).key)
-    with ThreadPoolExecutor(at_once) as pool:
-        for _ in pool.map(follow, by_stream):
-            pass
-
-
-def reference_of(job: Job) -> Job:
-    """Return the job that makes the batch optimum of a job's stream."""
-    return Job(group=REFERENCE, stream=job.stream.colours_right, backend=REFERENCE)
-
-
-def run_one(task: Task) -> AnyRow:
-    """Do one job in a fresh process."""
-    job = task.job
+    pool = ThreadPoolExecutor(at_once)
     try:
-        ended = subprocess.run(
-            [sys.executable, "-m", "conegraph.bench.worker"],
-            input=task.model_dump_json(),
-            capture_output=True,
-            text=True,
-            timeout=LONGEST_S,
-            # Matrices are small: threads cost more than they bring.
-            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-            check=False,
-        )
-    except subprocess.TimeoutExpired:
-        return failed(job, f"took longer than {LONGEST_S:.0f} s")
-    lines = ended.stdout.strip().splitlines()
-    row = _parsed(lines[-1]) if lines else None
-    if ended.returncode == 0 and row is not None:
-        return row
-    said = ended.stderr.strip().splitlines()
-    return failed(job, f"exit {ended.returncode}: {said[-1] if said else 'no word'}")
+        for future in as_completed([pool.submit(follow, chain) for chain in chains]):
+            future.result()
+    except BaseException:
+        # What is in progress is given up: the workers end with their owner.
+        stop.set()
+        pool.shutdown(wait=False, cancel_futures=True)
+        raise
+    pool.shutdown()
 
 
-def _parsed(line: str) -> AnyRow | None:
-    for kind in (ReferenceRow, CostRow, RunRow):
-        try:
-            return kind.model_validate_json(line)
-        except ValidationError:
-            continue
-    return None
-
-
-def _key(row: AnyRow) -> str:
-    return row.key if isinstance(row, ReferenceRow) else row.job.key
-
-
-def _grouped(items: Iterable[T], key: Callable[[T], str]) -> list[list[T]]:
+def grouped(items: Iterable[T], key: Callable[[T], str]) -> list[list[T]]:
     """Return the items with one key together, in the order of first appearance."""
     groups: dict[str, list[T]] = {}
     for item in items:

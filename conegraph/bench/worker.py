@@ -1,18 +1,10 @@
-"""One measurement in a process of its own: a job on stdin, its row on stdout.
-
-A process for each keeps memory figures apart, and a solver that takes its process
-down takes one row with it and not the benchmark.
-"""
+"""One measurement of the back ends' benchmark."""
 
 from __future__ import annotations
 
-import sys
-
-from pydantic import BaseModel
-
 from conegraph.bench.cost import frame_cost
 from conegraph.bench.reference_run import refer
-from conegraph.bench.rows import CostRow, Job, ReferenceRow, Row, RunRow
+from conegraph.bench.rows import AnyRow, CostRow, Job, ReferenceRow, Row, RunRow
 from conegraph.bench.run import measure
 
 REFERENCE, COST = "reference", "cost"
@@ -25,7 +17,7 @@ class Task(Row):
     reference: ReferenceRow | None = None
 
 
-def work(task: Task) -> BaseModel:
+def work(task: Task) -> AnyRow:
     """Do a job; what goes wrong becomes the row's reason."""
     job = task.job
     try:
@@ -39,7 +31,7 @@ def work(task: Task) -> BaseModel:
         return failed(job, f"{type(error).__name__}: {' '.join(str(error).split())}")
 
 
-def failed(job: Job, reason: str) -> ReferenceRow | CostRow | RunRow:
+def failed(job: Job, reason: str) -> AnyRow:
     """Return the row of a job that gave none."""
     if job.backend == REFERENCE:
         return ReferenceRow(key=job.key, reason=reason)
@@ -48,6 +40,6 @@ def failed(job: Job, reason: str) -> ReferenceRow | CostRow | RunRow:
     return RunRow(job=job, reason=reason)
 
 
-if __name__ == "__main__":
-    given = Task.model_validate_json(sys.stdin.read())
-    sys.stdout.write("\n" + work(given).model_dump_json() + "\n")
+def reference_of(job: Job) -> Job:
+    """Return the job that makes the batch optimum of a job's stream."""
+    return Job(group=REFERENCE, stream=job.stream.colours_right, backend=REFERENCE)
