@@ -79,12 +79,17 @@ class SuiteRow(Row):
     @property
     def key(self) -> str:
         """What tells it from all other rows of a folder."""
-        return f"{self.stream} {self.contender} {self.config_hash}"
+        return row_key(self.stream, self.contender, self.config_hash)
 
     @property
     def series(self) -> str:
         """The file with what happened along the way, in the results' folder."""
         return series_file(self.key)
+
+
+def row_key(stream: str, contender: str, config_hash: str) -> str:
+    """Return the key of a run of a contender, so configured, over a stream."""
+    return f"{stream} {contender} {config_hash}"
 
 
 def series_file(key: str) -> str:
