@@ -20,7 +20,7 @@ from conegraph.eval import RunMetrics, Truth, evaluate
 from conegraph.io.run_folder import RunFolder, RunWriter, read_run
 from conegraph.sources import open_stream
 from conegraph.track import detect_track
-from conegraph.track.files import write_track
+from conegraph.track.files import TRACK, write_track
 from conegraph.types import (
     Array,
     ConeMap,
@@ -35,8 +35,6 @@ from conegraph.types import (
 )
 from conegraph.viewer import NullViewer, Viewer
 
-TRACK = "track"
-"""Folder in a run's folder for what `conegraph.track.files` writes."""
 CHECKPOINT_S = 5.0
 """Stream time between maps written while running, so that a kill leaves one."""
 

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from conegraph.eval.record import Record
 from conegraph.io.run_folder import AssociationRows
-from conegraph.types import IntArray, MatchStatus
+from conegraph.types import IntArray, Mask, MatchStatus
 
 _NAN = float("nan")
 
@@ -30,7 +29,8 @@ class AssociationMetrics(Record):
             cone, lower it.
         false_detections: observations that show no cone.
         false_matched: of those, matched or made a landmark of.
-        split_cones: cones that more than one landmark has stood for, at any time.
+        split_cones: cones that more than one landmark has stood for, at any time; of
+            cones that are two in a faulty truth nobody can say so.
 
     Source: precision and recall as in C. van Rijsbergen, "Information Retrieval",
     1979, over observation-landmark pairs.
@@ -46,21 +46,25 @@ class AssociationMetrics(Record):
 
 
 def association_metrics(
-    rows: AssociationRows, truth_id: IntArray
+    rows: AssociationRows, truth_id: IntArray, twin_id: IntArray | None = None
 ) -> AssociationMetrics:
-    """Judge associations by the true id (N,) of each row, -1 for false detections."""
+    """Judge associations by the true ids of their rows.
+
+    Args:
+        rows: what became of each observation.
+        truth_id: (N,) the true id of each, -1 for false detections.
+        twin_id: ids that stand for two cones each (`without_twins`), if any do.
+    """
     if len(truth_id) != len(rows):
         raise ValueError(f"{len(truth_id)} true ids for {len(rows)} association rows")
     matched = rows.status == MatchStatus.MATCHED
     assigned = matched | (rows.status == MatchStatus.NEW)
-    landmark, cone = _majority(rows.landmark_id[assigned], truth_id[assigned])
-    shown = np.full(len(rows), -1)
-    shown[assigned] = cone[np.searchsorted(landmark, rows.landmark_id[assigned])]
-    right = assigned & (shown == truth_id) & (truth_id >= 0)
+    _, cone = _majority(rows.landmark_id[assigned], truth_id[assigned])
+    right = right_rows(rows, truth_id)
     mapped = _already_mapped(right, truth_id)
     n_matched, n_mapped = int(matched.sum()), int(mapped.sum())
     right_matches = int((right & matched).sum())
-    known = cone[cone >= 0]
+    known = cone[(cone >= 0) & ~np.isin(cone, [] if twin_id is None else twin_id)]
     _, landmarks_of_cone = np.unique(known, return_counts=True)
     return AssociationMetrics(
         rows=len(rows),
@@ -71,6 +75,21 @@ def association_metrics(
         false_matched=int((assigned & (truth_id < 0)).sum()),
         split_cones=int((landmarks_of_cone > 1).sum()),
     )
+
+
+def right_rows(rows: AssociationRows, truth_id: IntArray) -> Mask:
+    """Mark the rows (N,) that show the cone which their landmark stands for.
+
+    Args:
+        rows: what became of each observation; only matched and new ones can be right.
+        truth_id: (N,) true ids, -1 for false detections.
+    """
+    assigned = np.isin(rows.status, (MatchStatus.MATCHED, MatchStatus.NEW))
+    landmark, cone = _majority(rows.landmark_id[assigned], truth_id[assigned])
+    shown = np.full(len(rows), -1)
+    shown[assigned] = cone[np.searchsorted(landmark, rows.landmark_id[assigned])]
+    right: Mask = assigned & (shown == truth_id) & (truth_id >= 0)
+    return right
 
 
 def _majority(landmark_id: IntArray, truth_id: IntArray) -> tuple[IntArray, IntArray]:
@@ -86,7 +105,7 @@ def _majority(landmark_id: IntArray, truth_id: IntArray) -> tuple[IntArray, IntA
     return landmark, pairs[order, 1][first]
 
 
-def _already_mapped(right: NDArray[np.bool_], truth_id: IntArray) -> NDArray[np.bool_]:
+def _already_mapped(right: Mask, truth_id: IntArray) -> Mask:
     """Mark the rows whose cone had been given its landmark in an earlier row."""
     row = np.arange(len(truth_id))
     cone, place = np.unique(truth_id, return_inverse=True)

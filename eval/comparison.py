@@ -37,6 +37,7 @@ class Figure:
 
 _MAP, _PATH, _SMOOTHED = "Map", "Path while driving", "Path, smoothed"
 _CLOSE, _STATUS, _TIME = "Laps", "Status", "Time per frame"
+_TRACK = "Track"
 FIGURES: tuple[Figure, ...] = (
     Figure(_MAP, "RMSE, aligned", "m", 3, "low", "map.rmse_aligned_m"),
     Figure(_MAP, "RMSE, start frame", "m", 3, "low", "map.start_frame.rmse_m"),
@@ -59,7 +60,9 @@ FIGURES: tuple[Figure, ...] = (
     Figure(_PATH, "yaw error, aligned", "deg", 2, "low", "trajectory.yaw_rmse_deg"),
     Figure(_PATH, "RPE over 1 m", "m", 4, "low", "trajectory.rpe.0.rmse_m"),
     Figure(_PATH, "RPE over 10 m", "m", 3, "low", "trajectory.rpe.1.rmse_m"),
+    Figure(_PATH, "RPE over 1 s", "m", 4, "low", "trajectory.rpe_time.0.rmse_m"),
     Figure(_PATH, "final drift", "%", 2, "low", "trajectory.final_drift_percent"),
+    Figure(_PATH, "drift per lap", "m", 3, "low", "lap_drift.rms_m"),
     Figure(
         _PATH,
         "error²/covariance, 1 is right",
@@ -67,6 +70,14 @@ FIGURES: tuple[Figure, ...] = (
         2,
         None,
         "pose_consistency.nees_per_dof",
+    ),
+    Figure(
+        _PATH,
+        "innovation²/covariance, 1 is right",
+        "",
+        2,
+        None,
+        "innovation_consistency.nis_per_dof",
     ),
     Figure(_SMOOTHED, "ATE, aligned", "m", 3, "low", "smoothed.ate_se2.rmse_m"),
     Figure(
@@ -84,6 +95,13 @@ FIGURES: tuple[Figure, ...] = (
     Figure(_CLOSE, "laps counted", "", 0, None, "closures.laps"),
     Figure(_CLOSE, "closures accepted", "", 0, None, "closures.accepted"),
     Figure(_CLOSE, "closures rejected", "", 0, None, "closures.rejected"),
+    Figure(_CLOSE, "closures right", "", 2, "high", "closures.precision"),
+    Figure(_CLOSE, "delay after the start line", "s", 2, "low", "closures.delay_s"),
+    Figure(_CLOSE, "lap time error", "s", 3, "low", "closures.lap_time_error_s"),
+    Figure(_TRACK, "boundary edges right", "", 3, "high", "track.edges_right"),
+    Figure(_TRACK, "boundary edges found", "", 3, "high", "track.edges_found"),
+    Figure(_TRACK, "road IoU", "", 3, "high", "track.road_iou"),
+    Figure(_TRACK, "centre line off", "m", 3, "low", "track.lateral_rmse_m"),
     Figure(_STATUS, "frames", "", 0, None, "status.frames"),
     Figure(_STATUS, "frames DEGRADED", "", 0, "low", "status.by_status.DEGRADED"),
     Figure(_STATUS, "frames LOST", "", 0, "low", "status.by_status.LOST"),
@@ -92,6 +110,8 @@ FIGURES: tuple[Figure, ...] = (
     Figure(_TIME, "p95", "ms", 2, "low", "latency_ms.frame.p95"),
     Figure(_TIME, "p99", "ms", 2, "low", "latency_ms.frame.p99"),
     Figure(_TIME, "max", "ms", 2, "low", "latency_ms.frame.max"),
+    Figure(_TIME, "real-time factor", "", 1, "high", "cost.real_time_factor"),
+    Figure(_TIME, "p99, last lap / first", "", 2, "low", "cost.p99_growth"),
 )
 
 

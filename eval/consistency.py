@@ -9,7 +9,7 @@ from scipy.stats import chi2
 
 from conegraph.eval.record import Record
 from conegraph.geometry import wrap_angle
-from conegraph.types import Array
+from conegraph.types import Array, IntArray
 
 POSE_DOF = 3
 
@@ -21,6 +21,47 @@ LEAST_EIGENVALUE = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
+class Band(Record):
+    """Between what a mean per degree of freedom should lie, with 95 % probability.
+
+    Attributes:
+        low: lower bound, 2.5 % of chi².
+        high: upper bound, 97.5 %.
+        inside: whether the mean does; False where there is none.
+    """
+
+    low: float
+    high: float
+    inside: bool
+
+
+@dataclass(frozen=True, slots=True)
+class InnovationConsistency(Record):
+    """Normalised innovation squared (NIS) of a run; needs no truth.
+
+    Attributes:
+        frames: frames with an innovation.
+        dof: their degrees of freedom in all.
+        nis_per_dof: sum of NIS / sum of degrees of freedom; 1 is consistent, more is
+            overconfident.
+        share_inside: share of the frames whose NIS lies below the 95 % quantile of
+            chi² with its own degrees of freedom; .95 is consistent.
+        band: for `nis_per_dof`, of all degrees of freedom: innovations of a filter
+            whose model is right are white. With tens of thousands of them it is a few
+            percent wide, and to lie outside it may mean little: look at how far.
+
+    Source: Y. Bar-Shalom et al., "Estimation with Applications to Tracking and
+    Navigation", 2001, section 5.4.
+    """
+
+    frames: int
+    dof: int
+    nis_per_dof: float
+    share_inside: float
+    band: Band
+
+
+@dataclass(frozen=True, slots=True)
 class PoseConsistency(Record):
     """Normalised estimation error squared (NEES) of a path.
 
@@ -29,6 +70,9 @@ class PoseConsistency(Record):
         nees_per_dof: mean of ``e' P^-1 e / 3``; 1 is consistent, more is overconfident.
         share_inside: share of the poses whose NEES lies below the 95 % quantile of
             chi² with 3 degrees of freedom; .95 is consistent.
+        independent: how many independent errors the poses are worth, see
+            `independent_samples`.
+        band: for `nees_per_dof`, of so many errors.
 
     Source: Y. Bar-Shalom et al., "Estimation with Applications to Tracking and
     Navigation", 2001, section 5.4.
@@ -37,6 +81,28 @@ class PoseConsistency(Record):
     poses: int
     nees_per_dof: float
     share_inside: float
+    independent: float
+    band: Band
+
+
+def innovation_consistency(nis: Array, dof: IntArray) -> InnovationConsistency | None:
+    """Summarise the NIS (N,) of frames with so many degrees of freedom (N,) each.
+
+    None without a frame that has a finite one.
+    """
+    usable = np.isfinite(nis) & (dof > 0)
+    nis, dof = nis[usable], dof[usable]
+    if len(nis) == 0:
+        return None
+    total = int(dof.sum())
+    mean = float(nis.sum()) / total
+    return InnovationConsistency(
+        frames=len(nis),
+        dof=total,
+        nis_per_dof=mean,
+        share_inside=float((nis <= chi2.ppf(0.95, dof)).mean()),
+        band=band(mean, 1, total),
+    )
 
 
 def pose_nees(estimate: Array, cov: Array, truth: Array) -> Array:
@@ -84,19 +150,53 @@ def pose_consistency(estimate: Array, cov: Array, truth: Array) -> PoseConsisten
     values = pose_nees(estimate, cov, truth)
     values = values[np.isfinite(values)]
     if len(values) == 0:
-        return PoseConsistency(0, float("nan"), float("nan"))
+        nan = float("nan")
+        return PoseConsistency(0, nan, nan, 0.0, Band(nan, nan, False))
     inside = values <= chi2.ppf(0.95, POSE_DOF)
+    mean, independent = float(values.mean()) / POSE_DOF, independent_samples(values)
     return PoseConsistency(
-        len(values), float(values.mean()) / POSE_DOF, float(inside.mean())
+        poses=len(values),
+        nees_per_dof=mean,
+        share_inside=float(inside.mean()),
+        independent=independent,
+        band=band(mean, POSE_DOF, independent),
     )
 
 
-def nees_bounds(dof: int, runs: int, confidence: float = 0.95) -> tuple[float, float]:
+def independent_samples(values: Array) -> float:
+    """Return how many independent values have a mean as uncertain as a series has.
+
+    Errors along a path resemble each other: n values are worth n / (1 + 2 sum rho_k)
+    independent ones, rho_k the series' own autocorrelation at lag k, summed up to the
+    first that is not positive. A series that never changes is worth one. With few
+    turns of the error in a run this is rough: many runs say more than a long one.
+
+    Source: the integrated autocorrelation time, A. Sokal, "Monte Carlo methods in
+    statistical mechanics", 1989.
+    """
+    n = len(values)
+    off = values - values.mean()
+    power = np.abs(np.fft.rfft(off, 2 * n)) ** 2
+    correlation = np.fft.irfft(power)[:n]
+    if not correlation[0] > 0.0:
+        return 1.0
+    rho = correlation / correlation[0]
+    end = int(np.argmax(rho <= 0.0)) or n
+    return max(n / (1.0 + 2.0 * float(rho[1:end].sum())), 1.0)
+
+
+def band(mean: float, dof: int, samples: float) -> Band:
+    """Return the 95 % band of a mean per degree of freedom, see `nees_bounds`."""
+    low, high = nees_bounds(dof, samples)
+    return Band(low, high, low <= mean <= high)
+
+
+def nees_bounds(dof: int, runs: float, confidence: float = 0.95) -> tuple[float, float]:
     """Return between what the mean NEES per dof of independent runs should lie.
 
     The sum of the NEES of n independent errors is chi² with ``n dof`` degrees of
     freedom. Errors along one path are not independent of each other: count runs, not
-    frames.
+    frames, or what frames are worth (`independent_samples`).
 
     Args:
         dof: degrees of freedom of one error, 3 for a pose and 2 for a cone.

@@ -6,35 +6,58 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from conegraph.eval.association_metrics import AssociationMetrics, association_metrics
-from conegraph.eval.consistency import PoseConsistency, pose_consistency
+from conegraph.eval.closure_metrics import ClosureMetrics, closure_metrics
+from conegraph.eval.colour_metrics import ORANGES
+from conegraph.eval.consistency import (
+    InnovationConsistency,
+    PoseConsistency,
+    innovation_consistency,
+    pose_consistency,
+)
+from conegraph.eval.lap_drift import LapDrifts, lap_drifts
+from conegraph.eval.laps import true_laps
 from conegraph.eval.map_metrics import MapMetrics, map_metrics
-from conegraph.eval.matching import DEFAULT_GATE_M, TWIN_DISTANCE_M, find_twins
+from conegraph.eval.matching import DEFAULT_GATE_M
 from conegraph.eval.record import Record
 from conegraph.eval.run_metrics import (
-    ClosureMetrics,
+    CostMetrics,
     LatencyStats,
     StatusMetrics,
-    closure_metrics,
+    cost_metrics,
     latency_stats,
     status_metrics,
 )
+from conegraph.eval.run_warnings import run_warnings, status_warnings
+from conegraph.eval.track_metrics import TrackMetrics, track_metrics, true_track
 from conegraph.eval.trajectory_metrics import (
-    MAX_TRUTH_GAP_S,
+    PosePairs,
     TrajectoryMetrics,
     pair_with_truth,
     trajectory_metrics,
 )
-from conegraph.geometry import between
+from conegraph.eval.truth_faults import (
+    Twins,
+    in_words,
+    truth_faults,
+    without_twins,
+)
+from conegraph.eval.written_track import read_written_track
+from conegraph.geometry import between, to_child
 from conegraph.io.run_folder import RunFolder
-from conegraph.types import IntArray, Status, Trajectory, TruthMap
+from conegraph.track.files import TRACK
+from conegraph.types import (
+    IntArray,
+    Lap,
+    Mask,
+    Status,
+    Trajectory,
+    TruthMap,
+)
 
 OBSERVABLE_AFTER = 3
 """A cone that the sensor reported this often is one that a map should hold."""
-
-MAX_NAMED = 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +90,12 @@ class RunMetrics(Record):
         status: frames by status.
         warnings: what is odd about the truth or the run, in sentences.
         pose_consistency: errors of the causal estimate against its covariances.
+        innovation_consistency: innovations against theirs; None without any.
+        lap_drift: how much error each true lap adds; None without a lap.
+        track: the track that the run wrote against that of the true cones; None where
+            it wrote none, or the true cones are no lane.
+        cost: time and memory that the run took.
+        truth_faults: true cones that cannot stand where they are said to.
     """
 
     trajectory: TrajectoryMetrics | None
@@ -77,7 +106,12 @@ class RunMetrics(Record):
     latency_ms: Mapping[str, LatencyStats]
     status: StatusMetrics
     warnings: tuple[str, ...]
+    cost: CostMetrics
     pose_consistency: PoseConsistency | None = None
+    innovation_consistency: InnovationConsistency | None = None
+    lap_drift: LapDrifts | None = None
+    track: TrackMetrics | None = None
+    truth_faults: tuple[Twins, ...] = ()
 
 
 def evaluate(
@@ -95,37 +129,115 @@ def evaluate(
 
     Raises:
         ValueError: the true ids are not as many as the association rows.
+        FileFormatError: the run's track cannot be read.
     """
     run, unplaced = _since_found(run)
     causal = _path_metrics(run.trajectory, truth.trajectory)
-    cones = None
-    if truth.cones is not None:
-        cones = map_metrics(
-            run.cone_map,
-            truth.cones,
-            start_pose=None if causal is None else causal.pose_truth_start,
-            trajectory_pose=None if causal is None else causal.pose_truth_run,
-            observable=_observable(truth.cones, truth.observation_ids),
-            max_distance_m=max_distance_m,
-        )
-    association = None
-    if truth.observation_ids is not None:
-        association = association_metrics(run.associations, truth.observation_ids)
+    pairs = _pairs(run, truth) if causal is not None else None
+    laps = () if causal is None else _true_laps(truth, causal, run.trajectory)
+    ids, faults = _sound(truth)
+    cones = _map_metrics(run, truth.cones, ids, causal, max_distance_m)
     return RunMetrics(
         trajectory=causal,
         smoothed=_path_metrics(run.smoothed, truth.trajectory),
         map=cones,
-        association=association,
-        closures=closure_metrics(run.summary),
+        association=_association_metrics(run, ids, faults),
+        closures=closure_metrics(run.summary, laps, run.associations, ids),
         latency_ms=latency_stats(run.timing_ms),
         status=status_metrics(run.status),
         warnings=(
-            *_truth_warnings(truth),
-            *_run_warnings(run, causal, truth),
-            *_status_warnings(run, unplaced),
+            *in_words(faults),
+            *run_warnings(run, causal, truth.trajectory),
+            *status_warnings(run, unplaced),
         ),
-        pose_consistency=_pose_consistency(run, causal, truth.trajectory),
+        cost=cost_metrics(run.status.stamp_s, run.timing_ms, run.summary),
+        pose_consistency=_pose_consistency(run, causal, pairs),
+        innovation_consistency=innovation_consistency(
+            run.consistency.nis, run.consistency.dof
+        ),
+        lap_drift=None if pairs is None else lap_drifts(pairs, laps),
+        track=_track_metrics(run, truth.cones, cones, pairs),
+        truth_faults=faults,
     )
+
+
+def _sound(truth: Truth) -> tuple[IntArray | None, tuple[Twins, ...]]:
+    """Return the true ids (N,) with one for both of twins, and the twins."""
+    ids, cones = truth.observation_ids, truth.cones
+    if cones is None:
+        return ids, ()
+    faults = truth_faults(cones)
+    return None if ids is None else without_twins(ids, cones), faults
+
+
+def _pairs(run: RunFolder, truth: Truth) -> PosePairs | None:
+    if truth.trajectory is None:
+        return None
+    return pair_with_truth(run.trajectory, truth.trajectory)
+
+
+def _true_laps(
+    truth: Truth, causal: TrajectoryMetrics, estimate: Trajectory
+) -> tuple[Lap, ...]:
+    """Return the true laps within the run's time, the gate put as the run puts it."""
+    if truth.trajectory is None:
+        return ()
+    path, world = truth.trajectory, causal.pose_truth_start
+    since, until = np.searchsorted(path.stamp_s, estimate.stamp_s[[0, -1]])
+    rows = slice(max(int(since) - 1, 0), int(until) + 1)
+    start_m = np.zeros((0, 2))
+    if truth.cones is not None:
+        oranges = np.isin(truth.cones.cone_class, ORANGES)
+        start_m = to_child(world, truth.cones.xy_m[oranges])
+    seen = Trajectory(path.stamp_s[rows], between(world, path.pose[rows]))
+    return true_laps(seen, start_m)
+
+
+def _association_metrics(
+    run: RunFolder, ids: IntArray | None, faults: tuple[Twins, ...]
+) -> AssociationMetrics | None:
+    if ids is None:
+        return None
+    twins = np.array([f.ids for f in faults], dtype=np.int64).ravel()
+    return association_metrics(run.associations, ids, twins)
+
+
+def _map_metrics(
+    run: RunFolder,
+    truth: TruthMap | None,
+    ids: IntArray | None,
+    causal: TrajectoryMetrics | None,
+    max_distance_m: float,
+) -> MapMetrics | None:
+    if truth is None:
+        return None
+    return map_metrics(
+        run.cone_map,
+        truth,
+        start_pose=None if causal is None else causal.pose_truth_start,
+        trajectory_pose=None if causal is None else causal.pose_truth_run,
+        observable=None if ids is None else _observable(truth, ids),
+        max_distance_m=max_distance_m,
+    )
+
+
+def _track_metrics(
+    run: RunFolder,
+    truth: TruthMap | None,
+    cones: MapMetrics | None,
+    pairs: PosePairs | None,
+) -> TrackMetrics | None:
+    """Judge the track that the run wrote, if there is a true one."""
+    if truth is None or cones is None:
+        return None
+    track = read_written_track(run.folder / TRACK)
+    if track is None:
+        return None
+    true = true_track(truth, None if pairs is None else pairs.truth[0])
+    if true is None:
+        return None
+    pose = cones.pose_truth_run
+    return track_metrics(track, run.cone_map, truth, true, pose, cones.gate_m)
 
 
 def _since_found(run: RunFolder) -> tuple[RunFolder, int]:
@@ -149,13 +261,12 @@ def _since(path: Trajectory, stamp_s: float) -> Trajectory:
 
 
 def _pose_consistency(
-    run: RunFolder, causal: TrajectoryMetrics | None, truth: Trajectory | None
+    run: RunFolder, causal: TrajectoryMetrics | None, pairs: PosePairs | None
 ) -> PoseConsistency | None:
     """Judge the causal poses' covariances in the run's own frame, its start."""
     cov = run.pose_cov
-    if causal is None or truth is None or len(cov) == 0:
+    if causal is None or pairs is None or len(cov) == 0:
         return None
-    pairs = pair_with_truth(run.trajectory, truth)
     row = np.searchsorted(cov.stamp_s, pairs.stamp_s).clip(max=len(cov) - 1)
     known = cov.stamp_s[row] == pairs.stamp_s
     true = between(causal.pose_truth_start, pairs.truth[known])
@@ -170,59 +281,7 @@ def _path_metrics(
     return trajectory_metrics(path, truth)
 
 
-def _observable(
-    cones: TruthMap, observation_ids: IntArray | None
-) -> NDArray[np.bool_] | None:
-    if observation_ids is None:
-        return None
-    seen, count = np.unique(observation_ids, return_counts=True)
-    return np.isin(cones.id, seen[count >= OBSERVABLE_AFTER])
-
-
-def _truth_warnings(truth: Truth) -> list[str]:
-    if truth.cones is None:
-        return []
-    twins, cones = find_twins(truth.cones.xy_m), truth.cones
-    if len(twins) == 0:
-        return []
-    named = ", ".join(f"{cones.id[a]} and {cones.id[b]}" for a, b in twins[:MAX_NAMED])
-    more = ", ..." if len(twins) > MAX_NAMED else ""
-    return [
-        f"the truth is faulty: {len(twins)} of its pairs of cones stand closer than "
-        f"{TWIN_DISTANCE_M} m, which no two cones can (ids {named}{more})"
-    ]
-
-
-def _run_warnings(
-    run: RunFolder, causal: TrajectoryMetrics | None, truth: Truth
-) -> list[str]:
-    warnings = []
-    if not run.finished:
-        warnings.append("the run did not finish: what it wrote until then is judged")
-    broken = int((~np.isfinite(run.trajectory.pose).all(axis=1)).sum())
-    if broken:
-        warnings.append(f"{broken} poses of the trajectory are not finite")
-    if truth.trajectory is not None and causal is None:
-        warnings.append("no pose of the run lies within the true trajectory's time")
-    if causal is not None and causal.left_out:
-        warnings.append(
-            f"{causal.left_out} of {len(run.trajectory)} poses have no truth: outside "
-            f"its time, or in a gap of more than {MAX_TRUTH_GAP_S} s"
-        )
-    return warnings
-
-
-def _status_warnings(run: RunFolder, unplaced: int) -> list[str]:
-    """Say where the run itself did not know where the car is."""
-    frames, warnings = len(run.status), []
-    if unplaced:
-        warnings.append(
-            f"{unplaced} of {frames} frames passed until the car was found on the map: "
-            "their poses are not judged"
-        )
-    lost = int((run.status.status == Status.LOST.value).sum())
-    if lost:
-        warnings.append(f"the car was LOST in {lost} of {frames} frames")
-    if frames and (run.status.status == Status.INIT.value).all():
-        warnings.append(f"the status was INIT to the end: {run.status.reason[-1]}")
-    return warnings
+def _observable(cones: TruthMap, ids: IntArray) -> Mask:
+    """Mark the true cones (M,) that were reported often enough."""
+    seen, count = np.unique(ids, return_counts=True)
+    return np.isin(without_twins(cones.id, cones), seen[count >= OBSERVABLE_AFTER])

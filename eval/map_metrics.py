@@ -5,41 +5,31 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from conegraph.eval.align import distance, rms
+from conegraph.eval.colour_metrics import ColourMetrics, colour_metrics
+from conegraph.eval.consistency import Band, band
 from conegraph.eval.matching import (
     DEFAULT_GATE_M,
     Matching,
     best_match,
     find_twins,
     match_cones,
+    one_row_each,
 )
 from conegraph.eval.record import Record
 from conegraph.geometry import rotation, to_parent
-from conegraph.types import Array, ConeClass, ConeMap, TruthMap
+from conegraph.types import (
+    Array,
+    ConeMap,
+    IntArray,
+    Mask,
+    TruthMap,
+)
 
+CONE_DOF = 2
 _NAN = float("nan")
-_ORANGES = (ConeClass.ORANGE, ConeClass.BIG_ORANGE)
-
-
-@dataclass(frozen=True, slots=True)
-class ColourMetrics(Record):
-    """Classes of matched cones whose true class is known.
-
-    Attributes:
-        checked: matched cones whose true class is not UNKNOWN.
-        errors: of those, with another class than the true one, not counting the
-            next two.
-        orange_size: small orange taken for big or the reverse: the colour is right.
-        unknown: left UNKNOWN by the estimate.
-    """
-
-    checked: int
-    errors: int
-    orange_size: int
-    unknown: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,14 +62,18 @@ class MapMetrics(Record):
     *Aligned* is after the SE(2) motion that fits the matched cones best, so that
     only the shape of the map counts. Shares are 0 to 1.
 
+    Of two true cones that stand implausibly close (`find_twins`) the truth is at
+    fault: they count as one. A map is right with one of them and with both, and what
+    it has there is measured neither in position nor in colour.
+
     Attributes:
         estimated: cones in the map.
         true: cones in the truth.
         observable: true cones that recall asks for: those that the sensor reported
-            often enough, and of two that stand implausibly close (`find_twins`)
-            only one where one was found, because there the truth is at fault.
+            often enough, of twins those found or else one.
         matched: pairs of the one-to-one matching.
-        rmse_aligned_m: RMS distance of the pairs when aligned, m.
+        measured: of those, with a true cone that has no twin.
+        rmse_aligned_m: RMS distance of the measured pairs when aligned, m.
         median_aligned_m: median of the same, m.
         max_aligned_m: greatest of the same, m.
         precision: matched / estimated; duplicates and false cones lower it.
@@ -89,9 +83,12 @@ class MapMetrics(Record):
         false_cones: unmatched cones with no true cone within the gate.
         missed: observable true cones without a partner.
         colour: classes of the matched cones; None where no true class is known.
-        nees_per_dof: mean of e' C^-1 e / 2 over the pairs when aligned, e the error
-            and C the map's own covariance; 1 is consistent, more is overconfident.
-            Alignment removes error that C contains, so less than 1 proves nothing.
+        nees_per_dof: mean of e' C^-1 e / 2 over the measured pairs when aligned, e
+            the error and C the map's own covariance; 1 is consistent, more is
+            overconfident. Alignment removes error that C contains, so less than 1
+            proves nothing.
+        nees_band: for it, as if the cones' errors were independent; neighbours'
+            resemble each other, which makes the true band wider.
         lenient_nearest_rmse_m: RMS distance from each cone of the map to the
             nearest true one when aligned, m, as teams publish it. One-sided: a map
             with half of its cones missing, or each one twice, still scores 0.
@@ -108,6 +105,7 @@ class MapMetrics(Record):
     true: int
     observable: int
     matched: int
+    measured: int
     rmse_aligned_m: float
     median_aligned_m: float
     max_aligned_m: float
@@ -119,6 +117,7 @@ class MapMetrics(Record):
     missed: int
     colour: ColourMetrics | None
     nees_per_dof: float
+    nees_band: Band
     lenient_nearest_rmse_m: float
     start_frame: StartFrameMetrics | None
     gate_m: float
@@ -127,26 +126,6 @@ class MapMetrics(Record):
 
 def _ratio(part: int, whole: int) -> float:
     return part / whole if whole else _NAN
-
-
-def colour_metrics(
-    cone_map: ConeMap, truth: TruthMap, matching: Matching
-) -> ColourMetrics | None:
-    """Compare the classes of matched cones; a true class UNKNOWN never counts."""
-    wanted = truth.cone_class[matching.truth]
-    got = cone_map.cone_class[matching.estimate]
-    known = wanted != ConeClass.UNKNOWN
-    if not known.any():
-        return None
-    unknown = known & (got == ConeClass.UNKNOWN)
-    wrong = known & ~unknown & (got != wanted)
-    size = wrong & np.isin(got, _ORANGES) & np.isin(wanted, _ORANGES)
-    return ColourMetrics(
-        checked=int(known.sum()),
-        errors=int((wrong & ~size).sum()),
-        orange_size=int(size.sum()),
-        unknown=int(unknown.sum()),
-    )
 
 
 def nees_per_dof(
@@ -166,7 +145,7 @@ def nees_per_dof(
         return _NAN
     error, cov = error[usable], cov[usable]
     weighted = np.linalg.solve(cov, error[:, :, None])[:, :, 0]
-    return float(np.mean(np.sum(error * weighted, axis=1)) / 2.0)
+    return float(np.mean(np.sum(error * weighted, axis=1)) / CONE_DOF)
 
 
 def map_metrics(
@@ -175,7 +154,7 @@ def map_metrics(
     *,
     start_pose: Array | None = None,
     trajectory_pose: Array | None = None,
-    observable: NDArray[np.bool_] | None = None,
+    observable: Mask | None = None,
     max_distance_m: float = DEFAULT_GATE_M,
 ) -> MapMetrics:
     """Compare a map with the true cones.
@@ -195,20 +174,24 @@ def map_metrics(
     pose, matching = best_match(
         cone_map.xy_m, truth.xy_m, tuple(guesses) or (np.zeros(3),), max_distance_m
     )
+    twins = find_twins(truth.xy_m)
     asked = np.ones(len(truth), dtype=np.bool_) if observable is None else observable
-    asked = asked & ~_twin_found(truth, matching)
+    asked = asked & _needed(one_row_each(len(truth), twins), matching)
+    measured = matching.subset(~np.isin(matching.truth, twins))
     placed = to_parent(pose, cone_map.xy_m)
-    d = matching.distance_m
+    d = measured.distance_m
+    nees = nees_per_dof(cone_map, truth, measured, pose)
     start_frame = None
     if start_pose is not None:
         start_frame = start_frame_metrics(
-            cone_map, truth, matching, start_pose, asked, max_distance_m
+            cone_map, truth, measured, start_pose, asked, max_distance_m
         )
     return MapMetrics(
         estimated=len(cone_map),
         true=len(truth),
         observable=int(asked.sum()),
         matched=len(matching),
+        measured=len(measured),
         rmse_aligned_m=rms(d),
         median_aligned_m=float(np.median(d)) if len(d) else _NAN,
         max_aligned_m=float(np.max(d)) if len(d) else _NAN,
@@ -218,8 +201,9 @@ def map_metrics(
         duplicates=len(matching.duplicate),
         false_cones=len(matching.false),
         missed=int(asked[matching.missed].sum()),
-        colour=colour_metrics(cone_map, truth, matching),
-        nees_per_dof=nees_per_dof(cone_map, truth, matching, pose),
+        colour=colour_metrics(cone_map, truth, measured),
+        nees_per_dof=nees,
+        nees_band=band(nees, CONE_DOF, max(len(measured), 1)),
         lenient_nearest_rmse_m=lenient_nearest_rmse(placed, truth.xy_m),
         start_frame=start_frame,
         gate_m=max_distance_m,
@@ -232,10 +216,10 @@ def start_frame_metrics(
     truth: TruthMap,
     aligned: Matching,
     start_pose: Array,
-    asked: NDArray[np.bool_],
+    asked: Mask,
     max_distance_m: float,
 ) -> StartFrameMetrics:
-    """Measure the pairs of the aligned matching where the start pose puts them."""
+    """Measure pairs of the aligned matching where the start pose puts them."""
     placed = to_parent(start_pose, cone_map.xy_m)
     here = match_cones(placed, truth.xy_m, max_distance_m)
     return StartFrameMetrics(
@@ -258,16 +242,18 @@ def lenient_nearest_rmse(estimate_xy_m: Array, truth_xy_m: Array) -> float:
     return rms(np.asarray(nearest, dtype=np.float64))
 
 
-def _twin_found(truth: TruthMap, matching: Matching) -> NDArray[np.bool_]:
-    """Mark the missed true cones (M,) that stand on top of one that was found."""
-    missed = np.zeros(len(truth), dtype=np.bool_)
-    missed[matching.missed] = True
-    twins = find_twins(truth.xy_m)
-    one, other = np.concatenate([twins, twins[:, ::-1]]).T
-    found = np.zeros(len(truth), dtype=np.bool_)
-    found[one[missed[one] & ~missed[other]]] = True
-    return found
+def _needed(stands: IntArray, matching: Matching) -> Mask:
+    """Mark the true cones (M,) that count: of twins those found, or else one.
+
+    Args:
+        stands: (M,) the row that stands for each true cone.
+        matching: which of them were found.
+    """
+    found = np.zeros((2, len(stands)), dtype=np.bool_)
+    found[0, matching.truth] = found[1, stands[matching.truth]] = True
+    needed: Mask = found[0] | (~found[1][stands] & (stands == np.arange(len(stands))))
+    return needed
 
 
-def _recall(matching: Matching, asked: NDArray[np.bool_]) -> float:
+def _recall(matching: Matching, asked: Mask) -> float:
     return _ratio(int(asked[matching.truth].sum()), int(asked.sum()))

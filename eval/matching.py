@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from conegraph.eval.align import align_se2
 from conegraph.geometry import to_parent
-from conegraph.types import Array, IntArray
+from conegraph.types import Array, IntArray, Mask
 
 TWIN_DISTANCE_M = 0.15
 """A cone's base is 0.228 m wide: two this close cannot both stand, so a file errs."""
@@ -49,6 +51,15 @@ class Matching:
 
     def __len__(self) -> int:
         return len(self.estimate)
+
+    def subset(self, keep: Mask) -> Matching:
+        """Return the matching with only the pairs (K,) that ``keep`` selects."""
+        return replace(
+            self,
+            estimate=self.estimate[keep],
+            truth=self.truth[keep],
+            distance_m=self.distance_m[keep],
+        )
 
 
 def match_cones(
@@ -136,3 +147,16 @@ def find_twins(truth_xy_m: Array) -> IntArray:
         TWIN_DISTANCE_M, output_type="ndarray"
     )
     return pairs[np.lexsort(pairs.T[::-1])].astype(np.int64)
+
+
+def one_row_each(n: int, twins: IntArray) -> IntArray:
+    """Return (n,) the row that stands for each true cone: of twins, the first.
+
+    Args:
+        n: true cones in all.
+        twins: (K, 2) rows of those that stand implausibly close together.
+    """
+    links = coo_array((np.ones(len(twins)), (twins[:, 0], twins[:, 1])), (n, n))
+    _, group = connected_components(links, directed=False)
+    first = np.unique(group, return_index=True)[1]
+    return first[group].astype(np.int64)

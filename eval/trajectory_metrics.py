@@ -13,6 +13,7 @@ from conegraph.types import Array, IntArray, Trajectory
 
 MAX_TRUTH_GAP_S = 0.5
 DEFAULT_SEGMENTS_M = (1.0, 10.0)
+DEFAULT_INTERVALS_S = (1.0, 10.0)
 SEGMENT_TOLERANCE = 0.1
 _NAN = float("nan")
 
@@ -54,6 +55,27 @@ class SegmentError(Record):
 
 
 @dataclass(frozen=True, slots=True)
+class IntervalError(Record):
+    """Relative pose error, as in `SegmentError`, over all intervals of one duration.
+
+    Attributes:
+        duration_s: time that an interval spans, within 10 %.
+        rmse_m: root mean square of the translation of E, m.
+        per_second: `rmse_m` divided by `duration_s`, m per s.
+        yaw_rmse_deg: root mean square of the rotation of E, degrees.
+        intervals: how many there are; one starts at each estimate that has an end.
+
+    Source: J. Sturm et al., IROS 2012, whose RPE is one of drift per second.
+    """
+
+    duration_s: float
+    rmse_m: float
+    per_second: float
+    yaw_rmse_deg: float
+    intervals: int
+
+
+@dataclass(frozen=True, slots=True)
 class TrajectoryMetrics(Record):
     """Errors of one path against the truth, interpolated at the path's stamps.
 
@@ -71,7 +93,8 @@ class TrajectoryMetrics(Record):
             run that starts at its own origin has drifted.
         ate_se2: after the rotation and translation that fit the whole path best.
         yaw_rmse_deg: root mean square heading error after the SE(2) alignment.
-        rpe: relative pose errors, one entry a segment length.
+        rpe: relative pose errors per metre, one entry a segment length.
+        rpe_time: relative pose errors per second, one entry a duration.
         final_drift_m: distance at the last pose, aligned by the first pose.
         final_drift_percent: the same in percent of `path_m`.
         pose_truth_start: (3,) the run's frame in the truth's, by the first pose.
@@ -87,6 +110,7 @@ class TrajectoryMetrics(Record):
     ate_se2: ErrorStats
     yaw_rmse_deg: float
     rpe: tuple[SegmentError, ...]
+    rpe_time: tuple[IntervalError, ...]
     final_drift_m: float
     final_drift_percent: float
     pose_truth_start: Array
@@ -160,6 +184,18 @@ def path_length(xy_m: Array) -> Array:
     return np.concatenate([np.zeros(min(len(xy_m), 1)), np.cumsum(steps)])
 
 
+def starts_together(pairs: PosePairs) -> Array:
+    """Return the estimated poses (N, 3) moved so that the first is the true one."""
+    pose = align_first_pose(pairs.estimate[0], pairs.truth[0])
+    return compose(pose, pairs.estimate)
+
+
+def relative_error(pairs: PosePairs, i: IntArray, j: IntArray) -> Array:
+    """Return E of `SegmentError` (K, 3) from the rows i (K,) to the rows j (K,)."""
+    true_step = between(pairs.truth[i], pairs.truth[j])
+    return between(true_step, between(pairs.estimate[i], pairs.estimate[j]))
+
+
 def segment_error(pairs: PosePairs, length_m: float) -> SegmentError:
     """Return the relative pose error over segments of ``length_m`` of true path.
 
@@ -167,21 +203,38 @@ def segment_error(pairs: PosePairs, length_m: float) -> SegmentError:
     ends that miss it by more than 10 %, or that lie beyond a gap in the truth, are
     left out.
     """
-    s = path_length(pairs.truth[:, :2])
-    after = np.searchsorted(s, s + length_m)
+    i, j = _spans(path_length(pairs.truth[:, :2]), length_m, pairs.stretch)
+    rmse_m, yaw_deg = _rms_error(pairs, i, j)
+    return SegmentError(length_m, rmse_m, rmse_m / length_m, yaw_deg, len(i))
+
+
+def interval_error(pairs: PosePairs, duration_s: float) -> IntervalError:
+    """Return the relative pose error over intervals of ``duration_s``.
+
+    Their ends are found as those of `segment_error` are, by time.
+    """
+    i, j = _spans(pairs.stamp_s, duration_s, pairs.stretch)
+    rmse_m, yaw_deg = _rms_error(pairs, i, j)
+    return IntervalError(duration_s, rmse_m, rmse_m / duration_s, yaw_deg, len(i))
+
+
+def _spans(s: Array, length: float, stretch: IntArray) -> tuple[IntArray, IntArray]:
+    """Return first and last rows of the spans of ``length`` along ascending s (N,)."""
+    after = np.searchsorted(s, s + length)
     last = max(len(s) - 1, 0)
     later, sooner = np.minimum(after, last), np.minimum(after - 1, last)
     start = np.arange(len(s))
-    overshoot, shortfall = s[later] - (s + length_m), (s + length_m) - s[sooner]
+    overshoot, shortfall = s[later] - (s + length), (s + length) - s[sooner]
     end = np.where(overshoot < shortfall, later, sooner)
-    fits = np.abs(s[end] - s - length_m) <= SEGMENT_TOLERANCE * length_m
-    fits &= (end > start) & (pairs.stretch[end] == pairs.stretch[start])
-    i, j = start[fits], end[fits]
-    true_step = between(pairs.truth[i], pairs.truth[j])
-    error = between(true_step, between(pairs.estimate[i], pairs.estimate[j]))
-    rmse = rms(np.hypot(error[:, 0], error[:, 1]))
-    yaw_rmse = float(np.rad2deg(rms(error[:, 2])))
-    return SegmentError(length_m, rmse, rmse / length_m, yaw_rmse, len(i))
+    fits = np.abs(s[end] - s - length) <= SEGMENT_TOLERANCE * length
+    fits &= (end > start) & (stretch[end] == stretch[start])
+    return start[fits], end[fits]
+
+
+def _rms_error(pairs: PosePairs, i: IntArray, j: IntArray) -> tuple[float, float]:
+    """Return the RMS translation (m) and rotation (degrees) of relative errors."""
+    error = relative_error(pairs, i, j)
+    return rms(np.hypot(error[:, 0], error[:, 1])), float(np.rad2deg(rms(error[:, 2])))
 
 
 def trajectory_metrics(
@@ -189,6 +242,7 @@ def trajectory_metrics(
     truth: Trajectory,
     *,
     segments_m: tuple[float, ...] = DEFAULT_SEGMENTS_M,
+    intervals_s: tuple[float, ...] = DEFAULT_INTERVALS_S,
     max_gap_s: float = MAX_TRUTH_GAP_S,
 ) -> TrajectoryMetrics | None:
     """Compare a path with the truth; None where they have no stamp in common."""
@@ -198,9 +252,8 @@ def trajectory_metrics(
     true_xy, xy = pairs.truth[:, :2], pairs.estimate[:, :2]
     start_pose = align_first_pose(pairs.estimate[0], pairs.truth[0])
     best_pose = align_se2(xy, true_xy).pose
-    from_start = compose(start_pose, pairs.estimate)
     fitted = compose(best_pose, pairs.estimate)
-    drift = distance(from_start[:, :2], true_xy)
+    drift = distance(starts_together(pairs)[:, :2], true_xy)
     path_m = float(path_length(true_xy)[-1])
     return TrajectoryMetrics(
         poses=len(pairs.stamp_s),
@@ -214,6 +267,7 @@ def trajectory_metrics(
             np.rad2deg(rms(wrap_angle(fitted[:, 2] - pairs.truth[:, 2])))
         ),
         rpe=tuple(segment_error(pairs, length) for length in segments_m),
+        rpe_time=tuple(interval_error(pairs, duration) for duration in intervals_s),
         final_drift_m=float(drift[-1]),
         final_drift_percent=100.0 * float(drift[-1]) / path_m if path_m > 0 else _NAN,
         pose_truth_start=start_pose,

@@ -16,6 +16,9 @@ from conegraph.track.model import Track
 from conegraph.track.shapes import geojson
 
 SCHEMA_VERSION = 1
+TRACK = "track"
+"""Folder in a run's folder for what is written here."""
+
 BOUNDARIES = "boundaries.csv"
 TRIANGLES = "triangles.csv"
 CENTERLINE = "centerline.csv"
