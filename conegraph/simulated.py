@@ -93,7 +93,7 @@ def simulate_track(track: str, options: SimOptions) -> Recording:
         raise SourceError(f"sim:{track}: rate and light are for sensor=rgbd only")
     sensor = LIDAR if options.sensor == "lidar" else CAMERA
     return simulate(
-        _layout(track, options.seed),
+        track_layout(track, options.seed),
         laps=options.laps,
         seed=options.seed,
         sensor=replace(sensor, delay_s=options.delay),
@@ -139,7 +139,7 @@ def render_track(track: str, options: SimOptions) -> CameraDrive:
 
     light = next((name for name in LIGHT_NAMES if name == options.light), None)
     return drive_with_camera(
-        _layout(track, options.seed),
+        track_layout(track, options.seed),
         laps=options.laps,
         seed=options.seed,
         rate_hz=options.rate,
@@ -259,7 +259,13 @@ _READ: dict[str, Callable[[str, str], object]] = {
 """What reads the value of each key."""
 
 
-def _layout(track: str, seed: int) -> TrackLayout:
+def track_layout(track: str, seed: int = 0) -> TrackLayout:
+    """Return the layout of a track, given as a file or by a built-in name.
+
+    Raises:
+        SourceError: neither; the nearest name is given.
+        FileFormatError: the file is no track.
+    """
     from conegraph.io.tracks import read_track
     from conegraph.sim.track_shapes import BUILT_IN_TRACKS, built_in_track
 

@@ -143,6 +143,10 @@ METRICS: tuple[Metric, ...] = (
 )
 """The columns, in the order in which they are shown."""
 
+MAIN = ("map_rmse_aligned_m", "ate_start_m", "recall", "frame_p99_ms")
+"""What a verdict speaks of. They are tested as a family of their own, so that looking
+at all the others as well costs no certainty about these."""
+
 BY_NAME: Mapping[str, Metric] = {metric.name: metric for metric in METRICS}
 
 

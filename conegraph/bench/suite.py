@@ -11,7 +11,7 @@ from conegraph.bench.streams import Stream
 from conegraph.config import config_to_toml, load_config
 from conegraph.eval.row import Row
 from conegraph.eval.suite_rows import row_key
-from conegraph.simulated import parse_sim_query
+from conegraph.simulated import parse_sim_query, track_layout
 
 NO_FAULTS = "none"
 
@@ -85,8 +85,11 @@ class Suite:
 
         Raises:
             ConfigError: a back end or a setting does not exist.
-            SourceError: nor does a fault.
+            SourceError: nor does a track or a fault.
+            FileFormatError: a track file cannot be read.
         """
+        for track in self.tracks:
+            track_layout(track)
         hashes = {
             backend: config_hash(backend, self.settings) for backend in self.backends
         }
@@ -117,7 +120,7 @@ class Suite:
         ]
 
 
-QUICK = Suite("quick", ("oval", "random:1", "random:2", "random:3"))
+QUICK = Suite("quick", ("oval", "random:1", "random:5", "random:11"))
 FULL = Suite(
     "full",
     ("autocross", "oval", *(f"random:{seed}" for seed in range(1, 11))),

@@ -7,12 +7,12 @@ import typer
 from conegraph.cli.bench_backends import backends
 from conegraph.cli.bench_frontend import frontend
 from conegraph.cli.bench_relocalisation import relocalisation
+from conegraph.cli.bench_suite import diff, suite
 from conegraph.cli.bench_track import track
 
-app = typer.Typer(
-    help="Measure, and print each figure beside what it should be.",
-    no_args_is_help=True,
-)
+app = typer.Typer(no_args_is_help=True, invoke_without_command=True)
+app.callback()(suite)
+app.command("diff")(diff)
 app.command("backends")(backends)
 app.command("frontend")(frontend)
 app.command("relocalisation")(relocalisation)

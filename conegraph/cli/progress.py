@@ -16,6 +16,8 @@ from rich.progress import (
 )
 
 Advance = Callable[[int], None]
+SPEED_OVER_S = 300.0
+"""The time left is told from the steps of this long: one may take a minute."""
 
 
 @contextmanager
@@ -37,6 +39,7 @@ def progress_bar(title: str, total: int | None = None) -> Iterator[Advance]:
         *columns if total else columns[:2],
         console=console,
         transient=True,
+        speed_estimate_period=SPEED_OVER_S,
         disable=not console.is_terminal,
     ) as progress:
         task = progress.add_task(title, total=total)

@@ -1,0 +1,166 @@
+"""What a suite's runs say of each contender, and of every two of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from conegraph.eval.paired import Duel, Pair, duel, duels
+from conegraph.eval.record import Record
+from conegraph.eval.statistics import Estimate, Rate, estimate, rate
+from conegraph.eval.suite_metrics import MAIN, METRICS, Metric
+from conegraph.eval.suite_rows import SuiteRow
+
+_Key = tuple[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Contender(Record):
+    """All runs of one contender.
+
+    Attributes:
+        name: what it is called.
+        failures: how often it failed.
+        medians: of the runs that did not fail, by metric; None where no run has it.
+    """
+
+    name: str
+    failures: Rate
+    medians: tuple[Estimate | None, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class SuiteComparison(Record):
+    """All runs of a suite.
+
+    Attributes:
+        verdict: effect first, for every two contenders.
+        contenders: each by itself, their medians in the order of `metrics`.
+        metrics: what was measured.
+        duels: every two of them over the same streams.
+        notes: what is odd about the rows.
+    """
+
+    verdict: str
+    contenders: tuple[Contender, ...]
+    metrics: tuple[Metric, ...]
+    duels: tuple[Duel, ...]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class VersionDiff(Record):
+    """Two results of the same streams: two versions of the code, or configurations.
+
+    Attributes:
+        duels: by contender, the old one first.
+        only_old: runs that only the old results have, by stream and contender.
+        only_new: runs that only the new ones have.
+        same: how many pairs agree in every metric that does not measure time.
+        notes: what is odd about the rows.
+    """
+
+    duels: tuple[Duel, ...]
+    only_old: tuple[str, ...]
+    only_new: tuple[str, ...]
+    same: int
+    notes: tuple[str, ...]
+
+
+def compare_suite(rows: Sequence[SuiteRow]) -> SuiteComparison:
+    """Compare the contenders of a suite; the same rows give the same answer."""
+    by_name: dict[str, list[SuiteRow]] = {}
+    for row in rows:
+        by_name.setdefault(row.contender, []).append(row)
+    pairs = duels(rows)
+    return SuiteComparison(
+        verdict=" ".join(verdict(one) for one in pairs),
+        contenders=tuple(_contender(name, own) for name, own in by_name.items()),
+        metrics=METRICS,
+        duels=pairs,
+        notes=_notes(rows),
+    )
+
+
+def compare_versions(old: Sequence[SuiteRow], new: Sequence[SuiteRow]) -> VersionDiff:
+    """Compare two results run by run: same stream, same back end and profile."""
+    before = {(row.stream, row.contender): row for row in old}
+    after = {(row.stream, row.contender): row for row in new}
+    both: dict[str, list[Pair]] = {}
+    for key, row in before.items():
+        if key in after:
+            both.setdefault(row.contender, []).append((row, after[key]))
+    fixed = [metric.name for metric in METRICS if not metric.varies]
+    return VersionDiff(
+        duels=tuple(
+            duel((f"{name} (old)", f"{name} (new)"), pairs)
+            for name, pairs in both.items()
+        ),
+        only_old=_only(before, after),
+        only_new=_only(after, before),
+        same=sum(
+            np.array_equal(
+                [a.metrics[name] for name in fixed],
+                [b.metrics[name] for name in fixed],
+                equal_nan=True,
+            )
+            for pairs in both.values()
+            for a, b in pairs
+        ),
+        notes=(
+            *(f"old: {note}" for note in _notes(old)),
+            *(f"new: {note}" for note in _notes(new)),
+        ),
+    )
+
+
+def _only(
+    these: Mapping[_Key, SuiteRow], others: Mapping[_Key, SuiteRow]
+) -> tuple[str, ...]:
+    return tuple(" ".join(key) for key in these if key not in others)
+
+
+def verdict(one: Duel) -> str:
+    """Return what matters most of two contenders, effects first."""
+    first, second = one.names
+    main = [effect for effect in one.effects if effect.metric.name in MAIN]
+    said = [effect.sentence for effect in main if effect.better]
+    level = [effect.metric.label for effect in main if not effect.better]
+    if level:
+        said.append(f"no difference shown in {'; '.join(level)}")
+    where = "tracks like these" if one.general else "these"
+    return (
+        f"{second} against {first} on {where} {one.tracks}"
+        f"{'' if one.general else ' tracks'}: {'. '.join(said)}. "
+        f"{one.failures.sentence.capitalize()}."
+    )
+
+
+def _contender(name: str, rows: Sequence[SuiteRow]) -> Contender:
+    rng = np.random.default_rng(0)
+    fine = [row for row in rows if not row.failed]
+    return Contender(
+        name,
+        rate(len(rows) - len(fine), len(rows)),
+        tuple(_median(metric, fine, rng) for metric in METRICS),
+    )
+
+
+def _median(
+    metric: Metric, rows: Sequence[SuiteRow], rng: np.random.Generator
+) -> Estimate | None:
+    values = np.array([row.metrics[metric.name] for row in rows], dtype=np.float64)
+    known = np.isfinite(values)
+    if not known.any():
+        return None
+    tracks = [row.track for row, k in zip(rows, known, strict=True) if k]
+    return estimate(values[known], tracks, "median", rng)
+
+
+def _notes(rows: Sequence[SuiteRow]) -> tuple[str, ...]:
+    versions = sorted({row.code_version for row in rows})
+    if len(versions) < 2:
+        return ()
+    return (f"the rows are of {len(versions)} versions: {', '.join(versions)}",)
