@@ -17,7 +17,10 @@ from conegraph.camera import Stream
 from conegraph.camera_stream import CameraStream, with_front_end
 from conegraph.config import Config, config_to_toml
 from conegraph.eval import RunMetrics, Truth, evaluate
+from conegraph.eval.trajectory_metrics import pair_with_truth
 from conegraph.io.run_folder import RunFolder, RunWriter, read_run
+from conegraph.io.run_writer import TRUTH, replace_text
+from conegraph.io.tum_trajectory import format_tum
 from conegraph.sources import open_stream
 from conegraph.track import detect_track
 from conegraph.track.files import TRACK, write_track
@@ -289,11 +292,19 @@ class Pipeline:
         if files is None or out is None:
             return RunResult(cone_map, smoothed, summary, None, truth, None)
         folder = read_run(out)
+        if truth.trajectory is not None:
+            _write_truth(out, folder.trajectory, truth.trajectory)
         metrics = evaluate(folder, truth)
         if truth.trajectory is not None or truth.cones is not None:
             summary = {**summary, "metrics": metrics.to_dict()}
             files.finish(cone_map, smoothed, summary)
         return RunResult(cone_map, smoothed, summary, folder, truth, metrics)
+
+
+def _write_truth(out: Path, path: Trajectory, truth: Trajectory) -> None:
+    """Write the true poses at the path's stamps, for tools that compare two files."""
+    pairs = pair_with_truth(path, truth)
+    replace_text(out / TRUTH, format_tum(Trajectory(pairs.stamp_s, pairs.truth)))
 
 
 def for_source(config: Config, source: Source) -> Config:

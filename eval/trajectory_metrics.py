@@ -15,6 +15,7 @@ MAX_TRUTH_GAP_S = 0.5
 DEFAULT_SEGMENTS_M = (1.0, 10.0)
 DEFAULT_INTERVALS_S = (1.0, 10.0)
 SEGMENT_TOLERANCE = 0.1
+STAMP_ROUNDING_S = 1e-6
 _NAN = float("nan")
 
 
@@ -211,9 +212,12 @@ def segment_error(pairs: PosePairs, length_m: float) -> SegmentError:
 def interval_error(pairs: PosePairs, duration_s: float) -> IntervalError:
     """Return the relative pose error over intervals of ``duration_s``.
 
-    Their ends are found as those of `segment_error` are, by time.
+    Their ends are found as those of `segment_error` are, by time; what the end of the
+    path cuts short is left out.
     """
     i, j = _spans(pairs.stamp_s, duration_s, pairs.stretch)
+    whole = pairs.stamp_s[i] + duration_s <= pairs.stamp_s[-1:] + STAMP_ROUNDING_S
+    i, j = i[whole], j[whole]
     rmse_m, yaw_deg = _rms_error(pairs, i, j)
     return IntervalError(duration_s, rmse_m, rmse_m / duration_s, yaw_deg, len(i))
 

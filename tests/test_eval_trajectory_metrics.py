@@ -75,6 +75,11 @@ def test_a_scale_error_shows_as_relative_error_per_metre() -> None:
     assert m.path_m == pytest.approx(50.0)
     assert m.final_drift_m == pytest.approx(1.0)
     assert m.final_drift_percent == pytest.approx(2.0)
+    # At 1 m/s a second is a metre; what the end cuts short is left out here.
+    second, ten_s = m.rpe_time
+    assert (second.duration_s, second.intervals, ten_s.intervals) == (1.0, 197, 161)
+    assert ten_s.rmse_m == pytest.approx(0.2)
+    assert ten_s.per_second == pytest.approx(0.02)
 
 
 def test_stamps_outside_or_in_a_gap_are_left_out_and_counted() -> None:
@@ -121,7 +126,8 @@ def test_agrees_with_evo() -> None:
     Written as ``truth.tum`` and ``est.tum``, and asked with ``evo_ape tum truth.tum
     est.tum`` plain, with ``--align_origin``, with ``--align`` and with ``--align -r
     angle_deg``; then ``evo_rpe tum truth.tum est.tum --delta D --delta_unit m
-    --all_pairs --pairs_from_reference`` for D of 1 and 10, and ``-r angle_deg``.
+    --all_pairs --pairs_from_reference`` for D of 1 and 10, and ``-r angle_deg``; and
+    ``--delta D --delta_unit f --all_pairs``, ten frames a second, for 10 and 100.
     """
     t = 0.1 * np.arange(601, dtype=np.float64)
     yaw = np.arctan2(2 * np.cos(0.2 * t), 2 * np.cos(0.1 * t))
@@ -146,3 +152,9 @@ def test_agrees_with_evo() -> None:
     assert one.rmse_m == pytest.approx(0.028420, abs=6e-7)
     assert ten.rmse_m == pytest.approx(0.166306, abs=6e-7)
     assert ten.yaw_rmse_deg == pytest.approx(1.209377, abs=6e-7)
+    second, ten_s = m.rpe_time
+    assert (second.intervals, ten_s.intervals) == (591, 501)
+    assert second.rmse_m == pytest.approx(0.052275, abs=6e-7)
+    assert second.yaw_rmse_deg == pytest.approx(0.238081, abs=6e-7)
+    assert ten_s.rmse_m == pytest.approx(0.255038, abs=6e-7)
+    assert ten_s.yaw_rmse_deg == pytest.approx(1.638633, abs=6e-7)

@@ -37,6 +37,7 @@ SCHEMA_VERSION = 1
 CONFIG = "config.toml"
 TRAJECTORY = "trajectory.tum"
 SMOOTHED = "trajectory_smoothed.tum"
+TRUTH = "truth.tum"
 MAP = "map.csv"
 ASSOCIATIONS = "associations.csv"
 TIMING = "timing.csv"
@@ -92,7 +93,7 @@ class RunWriter:
 
     def __enter__(self) -> Self:
         self._make_folder()
-        for name in (SUMMARY, SMOOTHED, MAP):
+        for name in (SUMMARY, SMOOTHED, TRUTH, MAP):
             self._remove(name)
         self._replace(CONFIG, self._config_toml)
         with ExitStack() as opening:
