@@ -15,17 +15,12 @@ from conegraph.bench.rows import Job, LapRow, ReferenceRow, RunRow
 from conegraph.bench.run_log import RunLog
 from conegraph.config import load_config
 from conegraph.eval.align import distance, rms
+from conegraph.eval.closure_metrics import CLOSURE_AFTER_S, CLOSURE_BEFORE_S
 from conegraph.eval.consistency import pose_consistency
 from conegraph.eval.reference_graph import StartFrameTruth, truth_of
 from conegraph.eval.trajectory_metrics import pair_with_truth, trajectory_metrics
 from conegraph.pipeline import Pipeline
 from conegraph.types import ConeMap, FrameRecord, Recording
-
-CLOSURE_BEFORE_S = 6.0
-"""A lidar sees the start cones some seconds before the car is at the line."""
-
-CLOSURE_AFTER_S = 1.0
-"""A closure later than this after the crossing is too late."""
 
 ATE_LAPS = 2
 
