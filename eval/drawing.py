@@ -18,10 +18,12 @@ WIDTH_IN = 4.4
 """At the width of a phone, letters of a drawing this wide are as large as the text."""
 
 HEIGHT_IN = 3.0
+LEGEND_ROW_IN = 0.22
 LETTERS_PT = 10.0
 GRID_COLOUR = "#e4e4e8"
 GOOD_COLOUR = "#d9d9de"
 INK = "#1b1b1f"
+QUIET = "#77777f"
 
 _LINES = (
     ("#0072b2", "-", "o"),
@@ -45,30 +47,54 @@ class Stroke:
     marker: str
 
 
+@dataclass(frozen=True, slots=True)
+class Margins:
+    """Room around the axes, in inches."""
+
+    left: float = 0.72
+    right: float = 0.12
+    bottom: float = 0.5
+    top: float = 0.1
+
+    @staticmethod
+    def below_legend(entries: int) -> Margins:
+        """Return margins with room for a legend of so many entries above."""
+        rows = -(-entries // _legend_columns(entries))
+        return Margins(top=0.1 + LEGEND_ROW_IN * rows)
+
+
 def strokes(names: Sequence[str]) -> dict[str, Stroke]:
     """Return a stroke a name, in order; they repeat after seven."""
     return {n: Stroke(*_LINES[i % len(_LINES)]) for i, n in enumerate(names)}
 
 
 def new_axes(
-    x_label: str, y_label: str, *, height_in: float = HEIGHT_IN
+    x_label: str, y_label: str, margins: Margins, *, height_in: float = HEIGHT_IN
 ) -> tuple[Figure, Axes]:
-    """Return an empty drawing with its axes named."""
-    figure = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
+    """Return an empty drawing with its axes named.
+
+    Its places are fixed, so that axes of drawings beside each other are level; a
+    layout engine would also draw everything twice.
+    """
+    figure = Figure(figsize=(WIDTH_IN, height_in))
     FigureCanvasSVG(figure)
-    axes = figure.add_subplot()
+    width = WIDTH_IN - margins.left - margins.right
+    height = height_in - margins.bottom - margins.top
+    axes = figure.add_axes(
+        (
+            margins.left / WIDTH_IN,
+            margins.bottom / height_in,
+            width / WIDTH_IN,
+            height / height_in,
+        )
+    )
     axes.set_xlabel(x_label, fontsize=LETTERS_PT)
     axes.set_ylabel(y_label, fontsize=LETTERS_PT)
-    dress(axes)
-    return figure, axes
-
-
-def dress(axes: Axes) -> None:
-    """Give axes the report's letters, a faint grid and no frame above and right."""
     axes.tick_params(labelsize=LETTERS_PT)
     axes.grid(color=GRID_COLOUR, lw=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
+    return figure, axes
 
 
 def plain_decades(axis: Axis) -> None:
@@ -78,18 +104,24 @@ def plain_decades(axis: Axis) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def legend_above(axes: Axes, columns: int = 3) -> None:
+def legend_above(axes: Axes) -> None:
     """Put the legend over the drawing, where it hides nothing."""
     axes.legend(
         loc="lower left",
-        bbox_to_anchor=(0.0, 1.0),
-        ncols=columns,
+        bbox_to_anchor=(-0.12, 1.0),
+        ncols=_legend_columns(len(axes.get_legend_handles_labels()[1])),
         fontsize=LETTERS_PT,
         frameon=False,
         borderaxespad=0.2,
+        labelspacing=0.2,
         handlelength=2.6,
         columnspacing=1.2,
     )
+
+
+def _legend_columns(entries: int) -> int:
+    """Return how many fit beside each other, without one left over."""
+    return 2 if entries in (2, 4) else 3
 
 
 def svg_text(figure: Figure, name: str) -> str:

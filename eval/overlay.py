@@ -7,13 +7,12 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from conegraph.eval.document import Picture
-from conegraph.eval.drawing import LETTERS_PT, WIDTH_IN, dress, svg_text
+from conegraph.eval.drawing import LETTERS_PT, WIDTH_IN, Margins, new_axes, svg_text
 from conegraph.eval.matching import Matching, match_cones
 from conegraph.eval.series import PlacedMap
 from conegraph.types import Array, ConeClass
@@ -30,19 +29,28 @@ PATH_COLOUR = "#2a2a2a"
 ERROR_COLOUR = "#d0006f"
 STRETCHES = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 LABELS_IN = 0.5
+HEIGHT_IN = 3.2
+"""All maps are as tall, so that they can be compared beside each other."""
+
 MARGIN_M = 4.0
+LONGEST = 0.1
+"""Of the picture's width; longer error lines are cut, or they hide the map."""
 
 KEY = (
     "Each map is turned and shifted to fit the truth best. Rings are true cones, dots "
     "the map; the grey line is the true path, the black one the path while driving. "
-    "Magenta lines are the errors of the map, stretched as stated; crosses are "
-    "missed cones, plus signs cones that are not there, squares "
-    "duplicates. Axes in metres."
+    "Magenta lines are the errors of the map, enlarged as stated and cut at a tenth of "
+    "the picture; crosses are missed cones, plus signs cones that are not there, "
+    "squares duplicates. Axes in metres."
 )
 
 
 def draw_overlays(
-    maps: Mapping[str, PlacedMap], titles: Mapping[str, str] | None = None
+    maps: Mapping[str, PlacedMap],
+    titles: Mapping[str, str],
+    *,
+    about: Mapping[str, str] | None = None,
+    prefix: str = "map",
 ) -> tuple[Picture, ...]:
     """Draw maps over the truth, with errors stretched alike so that they compare.
 
@@ -50,21 +58,27 @@ def draw_overlays(
     track to a dot. The same maps give the same pictures.
 
     Args:
-        maps: by a name that is unique in the page.
-        titles: what to write under each; the name by default.
+        maps: by name.
+        titles: what to write under each.
+        about: what else to say of some.
+        prefix: of the pictures' names, unique in the page.
     """
     fits = sorted(_stretch(placed) for placed in maps.values())
     stretch = fits[(len(fits) - 1) // 2] if fits else 1
-    written = titles or {}
+    said = about or {}
     return tuple(
-        _draw(placed, f"map-{i}", written.get(name, name), stretch)
+        Picture(
+            f"{prefix}-{i}", titles[name], f"{said.get(name, '')} {see}".strip(), svg
+        )
         for i, (name, placed) in enumerate(maps.items(), 1)
+        for svg, see in [_draw(placed, f"{prefix}-{i}", stretch)]
     )
 
 
-def _draw(placed: PlacedMap, name: str, title: str, stretch: int) -> Picture:
+def _draw(placed: PlacedMap, name: str, stretch: int) -> tuple[str, str]:
+    """Return the drawing of one map, and what is wrong with it in words."""
     low, high = _view(placed)
-    figure, axes = _axes(low, high)
+    figure, axes = _axes()
     if placed.true_path_m is not None:
         axes.plot(*placed.true_path_m.T, color=TRUTH_COLOUR, lw=2.5)
     axes.plot(*placed.path_m.T, color=PATH_COLOUR, lw=0.8)
@@ -72,13 +86,12 @@ def _draw(placed: PlacedMap, name: str, title: str, stretch: int) -> Picture:
         cones = placed.xy_m[placed.cone_class == cone_class]
         colour = CONE_COLOUR[ConeClass(cone_class)]
         _mark(axes, cones, s=9, lw=0, c=colour, zorder=3)
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     matching = _matching(placed)
     if matching is not None and placed.true_xy_m is not None:
         _draw_truth(axes, placed, placed.true_xy_m, matching, stretch)
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     outside = int(((placed.xy_m < low) | (placed.xy_m > high)).any(axis=1).sum())
-    see = _see(matching, stretch, outside)
-    return Picture(name, title, see, svg_text(figure, name))
+    return svg_text(figure, name), _see(matching, stretch, outside)
 
 
 def _see(matching: Matching | None, stretch: int, outside: int) -> str:
@@ -96,17 +109,12 @@ def _see(matching: Matching | None, stretch: int, outside: int) -> str:
     return f"{', '.join(parts)}.".capitalize() if parts else "No true map to compare."
 
 
-def _axes(low: Array, high: Array) -> tuple[Figure, Axes]:
-    """Return a figure and its axes, as tall as the view asks for."""
-    size = high - low
-    width = WIDTH_IN - LABELS_IN
-    height = float(np.clip(width * size[1] / size[0], 0.5, 1.5 * width))
-    total = height + LABELS_IN
-    figure = Figure(figsize=(WIDTH_IN, total))
-    FigureCanvasSVG(figure)
-    left, bottom = 0.8 * LABELS_IN / WIDTH_IN, 0.6 * LABELS_IN / total
-    axes = figure.add_axes((left, bottom, width / WIDTH_IN, height / total))
-    dress(axes)
+def _axes() -> tuple[Figure, Axes]:
+    """Return a figure and its axes, which hold what `_view` returns."""
+    margins = Margins(
+        0.8 * LABELS_IN, 0.2 * LABELS_IN, 0.6 * LABELS_IN, 0.4 * LABELS_IN
+    )
+    figure, axes = new_axes("", "", margins, height_in=HEIGHT_IN)
     axes.set_aspect("equal")
     axes.tick_params(labelsize=LETTERS_PT - 1.0)
     axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))
@@ -115,13 +123,16 @@ def _axes(low: Array, high: Array) -> tuple[Figure, Axes]:
 
 
 def _view(placed: PlacedMap) -> tuple[Array, Array]:
-    """Return the lower left and upper right corner of what is shown."""
+    """Return the lower left and upper right corner of what is shown, in the truth."""
     known = [p for p in (placed.true_xy_m, placed.true_path_m) if p is not None]
     points = np.concatenate(known or [placed.xy_m, placed.path_m])
     points = points[np.isfinite(points).all(axis=1)]
     if len(points) == 0:
         points = np.zeros((1, 2))
-    return points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M
+    low, high = points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M
+    frame = np.array([WIDTH_IN, HEIGHT_IN]) - LABELS_IN
+    half = 0.5 * frame * np.max((high - low) / frame)
+    return 0.5 * (low + high) - half, 0.5 * (low + high) + half
 
 
 def _matching(placed: PlacedMap) -> Matching | None:
@@ -149,8 +160,11 @@ def _draw_truth(
     _mark(axes, cones[matching.false], s=40, c="black", marker="+")
     _mark(axes, cones[matching.duplicate], s=60, ec="black", marker="s", **hollow)
     start = truth_xy_m[matching.truth]
-    error = cones[matching.estimate] - start
-    lines = np.stack([start, start + stretch * error], axis=1)
+    error = stretch * (cones[matching.estimate] - start)
+    length = np.hypot(*error.T)
+    longest = LONGEST * np.ptp(axes.get_xlim())
+    error *= np.minimum(1.0, longest / np.maximum(length, longest))[:, None]
+    lines = np.stack([start, start + error], axis=1)
     axes.add_collection(LineCollection(list(lines), colors=ERROR_COLOUR, lw=1.1))
 
 

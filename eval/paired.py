@@ -22,6 +22,7 @@ from conegraph.eval.suite_metrics import MAIN, METRICS, Metric
 from conegraph.eval.suite_rows import SuiteRow
 
 LEAST_P = 0.05
+NO_DIFFERENCE = "no difference shown"
 Pair = tuple[SuiteRow, SuiteRow]
 
 
@@ -64,25 +65,32 @@ class Effect(Record):
         return self.names[1] if second else self.names[0]
 
     @property
+    def says(self) -> str:
+        """What size, interval and test say together."""
+        if not math.isfinite(self.size.interval.low):
+            return "too few pairs to tell"
+        if not self.size.interval.excludes(self.none):
+            return NO_DIFFERENCE
+        return f"{self.better} is better" if self.better else "not certain"
+
+    @property
     def sentence(self) -> str:
         """What there is to say: effect first."""
         first, second = self.names
         sign = "/" if self.metric.effect == "ratio" else " - "
         size = (
-            f"{self.metric.label}: {second}{sign}{first} {self._text(self.size.value)}"
+            f"{self.metric.label}: {second}{sign}{first} {self.text(self.size.value)}"
         )
         if not math.isfinite(self.size.interval.low):
-            return f"{size}: too few pairs to tell"
+            return f"{size}: {self.says}"
         low, high = (
-            self._text(self.size.interval.low),
-            self._text(self.size.interval.high),
+            self.text(self.size.interval.low),
+            self.text(self.size.interval.high),
         )
-        says = "no difference shown"
-        if self.size.interval.excludes(self.none):
-            says = f"{self.better} is better" if self.better else "not certain"
-        return f"{size} (95 % interval {low} to {high}, {p_text(self.p)}): {says}"
+        return f"{size} (95 % interval {low} to {high}, {p_text(self.p)}): {self.says}"
 
-    def _text(self, size: float) -> str:
+    def text(self, size: float) -> str:
+        """Return a size or an end of its interval as it is written."""
         if self.metric.effect == "ratio":
             return f"{size:.2f}" if abs(size - 1.0) >= 0.1 else f"{size:.3f}"
         return f"{size:+.{max(self.metric.digits, 2)}f}"
@@ -115,7 +123,7 @@ class Failures(Record):
             f"{name} failed in {rate_text(r)}"
             for name, r in zip(self.names, self.rates, strict=True)
         )
-        level = "" if self.shown else ", no difference shown"
+        level = "" if self.shown else f", {NO_DIFFERENCE}"
         return f"failures: {said} ({p_text(self.p)}{level})"
 
 

@@ -115,17 +115,28 @@ def _sections(
     # Drawing costs most of a second to import, which a table does not need.
     from conegraph.eval.overlay import KEY, draw_overlays
     from conegraph.eval.series import placed_map, run_series
-    from conegraph.eval.series_figures import series_pictures
+    from conegraph.eval.series_figures import (
+        error_over_distance,
+        latency_histogram,
+        latency_over_laps,
+        nees_over_time,
+    )
 
     maps = {name: placed_map(run, truth, metrics[name]) for name, run in runs.items()}
     series = {name: [run_series(run, truth)] for name, run in runs.items()}
     found: list[tuple[str, tuple[Block, ...]]] = []
     if maps:
-        drawn = Gallery(draw_overlays(maps))
+        drawn = Gallery(draw_overlays(maps, {name: name for name in maps}))
         found.append(("Maps over the truth", (Paragraph(KEY), drawn)))
-    along = series_pictures(series)
+    drawn_along = (
+        error_over_distance(series),
+        nees_over_time(series),
+        latency_histogram(series),
+        latency_over_laps(series),
+    )
+    along = tuple(picture for picture in drawn_along if picture is not None)
     if along:
-        found.append(("Along the way", (Gallery(tuple(along)),)))
+        found.append(("Along the way", (Gallery(along),)))
     found.append(("All figures", (figure_table(comparison), Paragraph(WORDS))))
     recorded = tuple(run.folder for run in runs.values() if run.folder.is_dir())
     if recorded:

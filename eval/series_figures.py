@@ -12,6 +12,7 @@ from conegraph.eval.consistency import POSE_DOF, nees_bounds
 from conegraph.eval.document import Picture
 from conegraph.eval.drawing import (
     GOOD_COLOUR,
+    Margins,
     Stroke,
     legend_above,
     new_axes,
@@ -33,25 +34,19 @@ LEAST_NEES = 1e-2
 Runs = Mapping[str, Sequence[RunSeries]]
 
 
-def series_pictures(runs: Runs, about: str = "", suffix: str = "") -> list[Picture]:
-    """Draw error and NEES along the way and the time per frame, where there is any.
+def error_over_distance(
+    runs: Runs, name: str = "error-over-distance", about: str = ""
+) -> Picture | None:
+    """Draw the position error of the causal path, None where no run has any.
 
     Args:
         runs: the runs of each contender.
-        about: which runs these are, for the titles.
-        suffix: makes the names unique where a page has several such sets.
+        name: of the picture, unique in the page.
+        about: which runs these are, for the title.
     """
-    drawn = (
-        _error_over_distance(runs, f"error-over-distance{suffix}", about),
-        _nees_over_time(runs, f"nees-over-time{suffix}", about),
-        _latency_histogram(runs, f"latency{suffix}", about),
-        _latency_over_laps(runs, f"latency-over-laps{suffix}", about),
+    figure, axes = new_axes(
+        "distance driven [m]", "position error [m]", Margins.below_legend(len(runs))
     )
-    return [picture for picture in drawn if picture is not None]
-
-
-def _error_over_distance(runs: Runs, name: str, about: str) -> Picture | None:
-    figure, axes = new_axes("distance driven [m]", "position error [m]")
     drawn = _bands(
         axes,
         runs,
@@ -71,8 +66,13 @@ def _error_over_distance(runs: Runs, name: str, about: str) -> Picture | None:
     return Picture(name, title, see, svg_text(figure, name))
 
 
-def _nees_over_time(runs: Runs, name: str, about: str) -> Picture | None:
-    figure, axes = new_axes("time [s]", "NEES per degree of freedom")
+def nees_over_time(
+    runs: Runs, name: str = "nees-over-time", about: str = ""
+) -> Picture | None:
+    """Draw NEES of the causal pose beside its bounds; arguments as above."""
+    figure, axes = new_axes(
+        "time [s]", "NEES per dof", Margins.below_legend(len(runs) + 1)
+    )
     drawn = _bands(
         axes,
         runs,
@@ -97,8 +97,13 @@ def _nees_over_time(runs: Runs, name: str, about: str) -> Picture | None:
     return Picture(name, title, see, svg_text(figure, name))
 
 
-def _latency_histogram(runs: Runs, name: str, about: str) -> Picture | None:
-    figure, axes = new_axes("time per frame [ms]", "share of frames [%]")
+def latency_histogram(
+    runs: Runs, name: str = "latency", about: str = ""
+) -> Picture | None:
+    """Draw how long frames took; arguments as above."""
+    figure, axes = new_axes(
+        "time per frame [ms]", "share of frames [%]", Margins.below_legend(len(runs))
+    )
     shown: list[Array] = []
     for contender, stroke in strokes(tuple(runs)).items():
         of_one = [run for run in runs[contender] if run.frame_ms_counts.sum()]
@@ -123,8 +128,13 @@ def _latency_histogram(runs: Runs, name: str, about: str) -> Picture | None:
     return Picture(name, title, see, svg_text(figure, name))
 
 
-def _latency_over_laps(runs: Runs, name: str, about: str) -> Picture | None:
-    figure, axes = new_axes("lap", "p99 of a frame [ms]")
+def latency_over_laps(
+    runs: Runs, name: str = "latency-over-laps", about: str = ""
+) -> Picture | None:
+    """Draw how long the slowest frames of each lap took; arguments as above."""
+    figure, axes = new_axes(
+        "lap", "p99 of a frame [ms]", Margins.below_legend(len(runs))
+    )
 
     def lap_times(run: RunSeries) -> tuple[Array, Array]:
         return np.arange(1.0, len(run.lap_p99_ms) + 1.0), run.lap_p99_ms
@@ -211,5 +221,7 @@ def _resampled(grid: Array, x: Array, y: Array) -> Array:
 
 
 def _band_words(runs: Runs) -> str:
-    many = any(len(of_one) > 1 for of_one in runs.values())
-    return " The shade holds the middle 80 % of the runs." if many else ""
+    if all(len(of_one) == 1 for of_one in runs.values()):
+        return ""
+    counts = ", ".join(f"{name} {len(of_one)}" for name, of_one in runs.items())
+    return f" The shade holds the middle 80 % of the runs ({counts})."

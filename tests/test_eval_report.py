@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -306,3 +308,30 @@ def test_a_folder_that_is_not_there_is_one_error(tmp_path: Path) -> None:
     truth, run = truth_and_run()
     with pytest.raises(ConegraphError, match=r"report\.json: cannot be written"):
         write_report(tmp_path / "none", {"ekf": run}, judged(truth, ekf=run), truth)
+
+
+def test_the_page_fits_a_phone_and_a_desk(
+    tmp_path: Path, look_at: Callable[[Path], list[Mapping[str, Any]]]
+) -> None:
+    report(tmp_path / "r")
+    looks = look_at(tmp_path / "r" / "report.html")
+    assert [look["window_px"] for look in looks] == [390, 1280]
+    for look in looks:
+        assert look["page_px"] <= look["window_px"]
+        assert (look["pictures"], look["too_small"]) == (4, 0)
+        assert look["fetched"] == look["console"] == []
+
+
+def test_the_browser_would_notice(
+    tmp_path: Path, look_at: Callable[[Path], list[Mapping[str, Any]]]
+) -> None:
+    page = tmp_path / "bad.html"
+    page.write_text(
+        '<!DOCTYPE html><div style="width:2000px">wide</div><svg width="0"></svg>'
+        '<img src="http://127.0.0.1:9/none.png"><script>console.error("broken")</script>'
+    )
+    for look in look_at(page):
+        assert look["page_px"] >= 2000
+        assert look["too_small"] == 2
+        assert [Path(name).name for name in look["fetched"]] == ["none.png"]
+        assert any("broken" in line for line in look["console"])

@@ -1,0 +1,227 @@
+"""The report of a benchmark: what was run, who did better, and where it went wrong."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from conegraph.errors import FileFormatError
+from conegraph.eval.document import (
+    Block,
+    Commands,
+    Document,
+    Facts,
+    Gallery,
+    Paragraph,
+    Section,
+    Table,
+    TableRow,
+)
+from conegraph.eval.drawing import strokes
+from conegraph.eval.html import html_text
+from conegraph.eval.markdown import markdown_text
+from conegraph.eval.overlay import KEY
+from conegraph.eval.series_figures import (
+    error_over_distance,
+    latency_histogram,
+    latency_over_laps,
+    nees_over_time,
+)
+from conegraph.eval.suite_comparison import SuiteComparison, compare_suite
+from conegraph.eval.suite_duels import duel_picture, duel_table
+from conegraph.eval.suite_pictures import (
+    MAP_ERROR,
+    Grouped,
+    SeriesFolder,
+    badness,
+    by_contender,
+    median_maps,
+    sound_series,
+    stream_kind,
+    truth_notes,
+    way_pictures,
+    where,
+    worst_maps,
+)
+from conegraph.eval.suite_rows import RESULTS, SuiteRow, read_results
+from conegraph.eval.suite_tables import contender_table, failure_table, stream_table
+from conegraph.eval.suite_verdict import headlines
+from conegraph.io.plain import to_plain
+from conegraph.io.run_writer import replace_text
+
+SCHEMA_VERSION = 1
+WORDS = (
+    "Back ends ran over the same streams, so pairs of runs are compared. Map error: "
+    "RMS distance of matched cones after the rotation and shift that fit best. Path "
+    "error: RMS distance of the path while driving, from the first pose on. NEES: "
+    "squared error over the covariance that the back end states. p99: 99 of 100 frames "
+    "are faster. Times are of the machine at hand: read them as ratios."
+)
+WORST = 10
+"""As many of the worst runs are shown, with the commands that replay them."""
+
+
+def write_suite_report(folder: Path) -> Path:
+    """Write ``report.html``, ``report.md`` and ``report.json`` of a benchmark.
+
+    The same results give the same bytes. Failed runs count as failures and not in
+    medians; a run that another contender failed on is not paired.
+
+    Args:
+        folder: what ``conegraph bench`` wrote: ``results.parquet`` and ``series/``.
+
+    Returns:
+        The HTML file.
+
+    Raises:
+        ConegraphError: there are no results, or a file cannot be written.
+    """
+    rows = _in_order(read_results(folder))
+    if not rows:
+        raise FileFormatError(folder / RESULTS, "holds no run")
+    comparison = compare_suite(rows)
+    document = suite_document(rows, comparison, SeriesFolder(folder))
+    plain: dict[str, object] = {
+        "schema_version": SCHEMA_VERSION,
+        "verdict": document.verdict,
+    }
+    plain |= {"warnings": document.warnings, **comparison.to_dict()}
+    page = folder / "report.html"
+    replace_text(
+        folder / "report.json",
+        json.dumps(to_plain(plain), indent=2, allow_nan=False) + "\n",
+    )
+    replace_text(folder / "report.md", markdown_text(document))
+    replace_text(page, html_text(document))
+    return page
+
+
+def suite_document(
+    rows: Sequence[SuiteRow], comparison: SuiteComparison, series: SeriesFolder
+) -> Document:
+    """Return what there is to say of a benchmark's runs."""
+    grouped = by_contender(rows)
+    sections = (
+        Section("What was run", (_facts(rows, grouped),)),
+        Section("Who is better", _duels(comparison)),
+        Section("Every back end by itself", _alone(comparison, grouped)),
+        Section("Maps over the truth", _maps(grouped, series)),
+        Section("Along the way", _along(grouped, series)),
+        Section("Worst runs", _worst(rows)),
+        Section("Every difference", _differences(comparison)),
+    )
+    first, *others = headlines(comparison)
+    warnings = (*comparison.notes, *truth_notes(rows, series), *_missing(series))
+    suites = ", ".join(sorted({row.suite for row in rows}))
+    title = f"Benchmark {suites}: {len(rows)} runs"
+    return Document(title, first, warnings, sections, details=" ".join(others))
+
+
+def _in_order(rows: Sequence[SuiteRow]) -> list[SuiteRow]:
+    """Return the rows with default profiles first, which duels and tables follow."""
+    return sorted(rows, key=lambda row: (row.profile != "default", row.contender))
+
+
+def _missing(series: SeriesFolder) -> tuple[str, ...]:
+    if not series.missing:
+        return ()
+    return (f"{series.missing} runs left no series: drawings are without them",)
+
+
+def _duels(comparison: SuiteComparison) -> tuple[Block, ...]:
+    stroke = strokes([contender.name for contender in comparison.contenders])
+    drawn = [
+        duel_picture(duel, f"duel-{number}", stroke)
+        for number, duel in enumerate(comparison.duels, 1)
+    ]
+    pictures = tuple(picture for picture in drawn if picture is not None)
+    if not pictures:
+        return (Paragraph("There are not enough drives to compare back ends on."),)
+    return (Gallery(pictures),)
+
+
+def _differences(comparison: SuiteComparison) -> tuple[Block, ...]:
+    return (*(duel_table(duel) for duel in comparison.duels), Paragraph(WORDS))
+
+
+def _alone(comparison: SuiteComparison, grouped: Grouped) -> tuple[Block, ...]:
+    return (
+        contender_table(comparison),
+        failure_table(comparison, grouped),
+        stream_table(grouped),
+    )
+
+
+def _facts(rows: Sequence[SuiteRow], grouped: Grouped) -> Facts:
+    kinds = sorted({stream_kind(row) for row in rows})
+    tracks = sorted({row.track for row in rows})
+    streams = {row.stream for row in rows}
+    seeds = sorted({row.seed for row in rows})
+    laps = sorted({str(row.laps) for row in rows})
+    return Facts(
+        (
+            ("Runs", f"{len(rows)}, over {len(streams)} streams"),
+            ("Back ends", ", ".join(f"{n} ({len(r)})" for n, r in grouped.items())),
+            ("Tracks", f"{len(tracks)}: {', '.join(tracks)}"),
+            ("Sensors", "; ".join(kinds)),
+            ("Seeds", f"{len(seeds)}, from {seeds[0]} to {seeds[-1]}"),
+            ("Laps", ", ".join(laps)),
+            ("Code", ", ".join(sorted({row.code_version for row in rows}))),
+        )
+    )
+
+
+def _maps(grouped: Grouped, series: SeriesFolder) -> tuple[Block, ...]:
+    median, worst = median_maps(grouped, series), worst_maps(grouped, series)
+    if not median:
+        return (Paragraph("No run wrote its map down."),)
+    return (
+        Paragraph(KEY),
+        Paragraph("The run of each back end whose map is its median:"),
+        Gallery(median),
+        Paragraph("Its worst run, a failed one if there is any:"),
+        Gallery(worst),
+    )
+
+
+def _along(grouped: Grouped, series: SeriesFolder) -> tuple[Block, ...]:
+    errors = way_pictures(grouped, series, error_over_distance, "error-over-distance")
+    nees = way_pictures(grouped, series, nees_over_time, "nees-over-time")
+    sound = sound_series(grouped, series)
+    times = (latency_histogram(sound), latency_over_laps(sound))
+    galleries = (errors, nees, tuple(p for p in times if p is not None))
+    said = Paragraph("Runs that failed are left out of these drawings.")
+    return (said, *(Gallery(pictures) for pictures in galleries if pictures))
+
+
+def _worst(rows: Sequence[SuiteRow]) -> tuple[Block, ...]:
+    ranked = sorted(rows, key=badness, reverse=True)[:WORST]
+    table = Table(
+        "Failed runs first, then those with the largest error of the map.",
+        ("back end", "map error [m]", "greatest path error [m]", "why it failed"),
+        tuple(
+            TableRow(
+                f"{number}. {where(row)}",
+                (
+                    row.contender,
+                    f"{row.metrics[MAP_ERROR]:.3f}",
+                    f"{row.metrics['pose_max_m']:.2f}",
+                    row.reason or "-",
+                ),
+            )
+            for number, row in enumerate(ranked, 1)
+        ),
+        corner="stream",
+        words=frozenset({0, 3}),
+    )
+    lines = [
+        line
+        for number, row in enumerate(ranked, 1)
+        for line in (
+            f"{row.command} --save-rrd",
+            "conegraph view out/replay",
+        )
+    ]
+    title = "Replay one, and open it in Rerun:"
+    return (table, Commands(title, tuple(lines)))

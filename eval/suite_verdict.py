@@ -1,0 +1,88 @@
+"""A duel in one sentence, effects first."""
+
+from __future__ import annotations
+
+from conegraph.eval.paired import NO_DIFFERENCE, Duel, Effect, rate_text
+from conegraph.eval.suite_comparison import SuiteComparison
+from conegraph.eval.suite_metrics import MAIN
+
+SHORT = {
+    "map_rmse_aligned_m": "map error",
+    "ate_start_m": "path error",
+    "recall": "cones found",
+    "frame_p99_ms": "slowest frames",
+}
+"""What a verdict calls the main metrics."""
+
+LARGE = 2.0
+"""Ratios from here on are said as such: 500 % higher is hard to imagine."""
+
+
+def headlines(comparison: SuiteComparison) -> tuple[str, ...]:
+    """Return sentences: the first two contenders, failures, the other duels."""
+    if not comparison.duels:
+        (alone,) = comparison.contenders
+        return (f"{alone.name} ran alone, so there is nothing to compare.",)
+    first, *others = comparison.duels
+    general = (
+        "This holds for tracks like these."
+        if first.general
+        else "This holds for these tracks only: too few to speak of others."
+    )
+    rates = ", ".join(
+        f"{c.name} {rate_text(c.failures)}" for c in comparison.contenders
+    )
+    return (
+        headline(first),
+        general,
+        f"Failed runs: {rates}.",
+        *(headline(duel) for duel in others),
+    )
+
+
+def headline(duel: Duel) -> str:
+    """Return what differs, by how much, and in what no difference is shown."""
+    first, second = duel.names
+    main = [e for e in duel.effects if e.metric.name in MAIN]
+    differ = [_difference(effect) for effect in main if effect.shown]
+    level = [_short(effect) for effect in main if effect.says == NO_DIFFERENCE]
+    unsure = [_short(e) for e in main if not e.shown and e.says != NO_DIFFERENCE]
+    if duel.failures.shown:
+        differ.insert(0, _failures(duel))
+    else:
+        level.append("failures")
+    parts = [", ".join(differ)]
+    parts += [f"{NO_DIFFERENCE} in {_listed(level)}"] if level else []
+    parts += [f"too few drives to tell of {_listed(unsure)}"] if unsure else []
+    said = "; ".join(part for part in parts if part)
+    return f"{second} beside {first} over {duel.streams} drives: {said}."
+
+
+def _failures(duel: Duel) -> str:
+    first, second = (rate.count for rate in duel.failures.rates)
+    more = "more" if second > first else "fewer"
+    return f"{more} failures ({second} against {first})"
+
+
+def _short(effect: Effect) -> str:
+    return SHORT[effect.metric.name]
+
+
+def _difference(effect: Effect) -> str:
+    label, size = _short(effect), effect.size
+    low, high = size.interval.low, size.interval.high
+    if effect.metric.effect == "difference":
+        more = "more" if size.value > 0 else "fewer"
+        ends = sorted((100.0 * abs(low), 100.0 * abs(high)))
+        by = f"{100.0 * abs(size.value):.1f} in 100 {more}"
+        return f"{label} {by} ({ends[0]:.1f} to {ends[1]:.1f})"
+    if size.value >= LARGE:
+        return f"{label} {size.value:.1f} times as large ({low:.1f} to {high:.1f})"
+    higher = "higher" if size.value > 1.0 else "lower"
+    ends = sorted((100.0 * abs(low - 1.0), 100.0 * abs(high - 1.0)))
+    by = f"{100.0 * abs(size.value - 1.0):.0f} % {higher}"
+    return f"{label} {by} ({ends[0]:.0f} to {ends[1]:.0f} %)"
+
+
+def _listed(names: list[str]) -> str:
+    return " and ".join([", ".join(names[:-1]), names[-1]] if names[1:] else names)
