@@ -55,6 +55,13 @@ def test_a_landmark_born_from_false_detections_shows_no_cone() -> None:
     assert np.isnan(m.recall)
 
 
+def test_two_landmarks_for_cones_that_are_two_in_a_faulty_truth_are_no_split() -> None:
+    made = rows(("new", 0), ("matched", 0), ("new", 1), ("matched", 1))
+    m = association_metrics(made, np.array([7, 7, 7, 7]), np.array([7]))
+    assert m.split_cones == 0
+    assert m.precision == 1.0
+
+
 def test_ids_that_do_not_pair_up_are_refused() -> None:
     with pytest.raises(ValueError, match="2 true ids for 1"):
         association_metrics(rows(("new", 0)), np.array([1, 2]))

@@ -12,7 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from conegraph import Pipeline, load_config
 from conegraph.eval import Truth, evaluate
+from conegraph.eval.trajectory_metrics import trajectory_metrics
 from conegraph.geometry import compose, inverse, to_child
 from conegraph.io.run_folder import (
     AssociationRows,
@@ -20,6 +22,7 @@ from conegraph.io.run_folder import (
     RunFolder,
     StatusRows,
 )
+from conegraph.io.tum_trajectory import read_tum
 from conegraph.types import Array, ConeMap, Trajectory, TruthMap
 
 START = np.array([30.0, -12.0, 2.0])
@@ -158,16 +161,86 @@ def test_an_error_of_the_smoothed_path_is_not_one_of_the_causal() -> None:
     assert m.trajectory.ate_se2.rmse_m == pytest.approx(0.0, abs=1e-9)
 
 
-def test_faulty_truth_is_noticed_and_said() -> None:
+def test_faulty_truth_is_noticed_and_said_and_not_held_against_the_run() -> None:
+    """Cone 3 stands twice in the file, and both ids were reported by turns."""
     run, truth = perfect_run()
     assert truth.cones is not None
-    xy = truth.cones.xy_m.copy()
-    xy[7] = xy[3] + [0.06, 0.08]
-    twins = TruthMap(truth.cones.id, xy, truth.cones.cone_class)
-    warnings = evaluate(run, replace(truth, cones=twins)).warnings
-    assert len(warnings) == 1
-    assert warnings[0].startswith("the truth is faulty: 1 of its pairs of cones stand")
-    assert "(ids 3 and 7)" in warnings[0]
+    assert truth.observation_ids is not None
+    cones = TruthMap(
+        np.append(truth.cones.id, 900),
+        np.concatenate(
+            [truth.cones.xy_m, truth.cones.xy_m[3:4] + np.array([0.06, 0.08])]
+        ),
+        np.append(truth.cones.cone_class, 1 - truth.cones.cone_class[3]),
+    )
+    ids = truth.observation_ids.copy()
+    ids[np.flatnonzero(ids == 3)[1::2]] = 900
+    m = evaluate(run, Truth(truth.trajectory, cones, ids))
+    assert len(m.warnings) == 1
+    assert m.warnings[0].startswith(
+        "the truth is faulty: 1 of its pairs of cones stand closer"
+    )
+    assert "(ids 3 and 900)" in m.warnings[0]
+    (fault,) = m.truth_faults
+    assert fault.ids == (3, 900)
+    assert fault.distance_m == pytest.approx(0.1)
+    assert m.map is not None
+    assert (m.map.recall, m.map.precision, m.map.observable) == (1.0, 1.0, 200)
+    assert m.map.rmse_aligned_m == pytest.approx(0.0, abs=1e-9)
+    assert m.association is not None
+    assert (m.association.precision, m.association.recall) == (1.0, 1.0)
+    assert m.association.split_cones == 0
+
+
+def test_laps_are_judged_by_those_that_were_driven() -> None:
+    """Three laps from the start line on, the run's clock 0.2 s slow in the second."""
+    run, truth = perfect_run()
+    timed = {
+        "laps": [
+            {"number": 1, "end_s": 10.0, "duration_s": 10.0},
+            {"number": 2, "end_s": 20.2, "duration_s": 10.2},
+        ],
+        "loop_closures": [{"stamp_s": 10.2, "accepted": True}],
+    }
+    m = evaluate(replace(run, summary=timed), truth)
+    # The gate is 1 m ahead of the start, which the last lap does not reach again.
+    assert m.closures.laps_true == 2
+    assert (m.closures.laps, m.closures.in_time) == (2, 1)
+    assert m.closures.delay_s == pytest.approx(0.2, abs=0.1)
+    assert m.closures.lap_time_error_s == pytest.approx(0.2 / np.sqrt(2), abs=0.02)
+    assert m.closures.precision == 1.0
+    assert m.lap_drift is not None
+    assert [lap.number for lap in m.lap_drift.laps] == [1, 2]
+    assert m.lap_drift.rms_m == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_run_of_the_simulator_has_every_figure(tmp_path: Path) -> None:
+    """One lap of the oval with a lidar: the road is found, the closure in time."""
+    config = load_config(None, [], backend="ekf")
+    source = "sim:oval?laps=2&seed=1&sensor=lidar&odometry=on"
+    result = Pipeline(config, source).run(tmp_path)
+    m = result.metrics
+    assert m is not None
+    assert (m.closures.laps_true, m.closures.in_time, m.closures.precision) == (2, 2, 1)
+    assert m.closures.lap_time_error_s < 0.5
+    assert m.track is not None
+    assert (m.track.edges_right, m.track.edges_found) == (1.0, 1.0)
+    assert m.track.road_iou > 0.98
+    assert m.track.lateral_rmse_m < 0.05
+    assert m.innovation_consistency is not None
+    assert 0.7 < m.innovation_consistency.nis_per_dof < 1.3
+    assert m.cost.real_time_factor > 1.0
+    assert m.cost.peak_memory_mb > 20.0
+    assert len(m.cost.lap_p99_ms) == 2
+    written = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    assert written["metrics"] == m.to_dict()
+    # What evo would compare: one true pose for each of the path's.
+    true, path = read_tum(tmp_path / "truth.tum"), read_tum(tmp_path / "trajectory.tum")
+    np.testing.assert_array_equal(true.stamp_s, path.stamp_s)
+    again = trajectory_metrics(path, true)
+    assert again is not None
+    assert m.trajectory is not None
+    assert again.ate_se2.rmse_m == pytest.approx(m.trajectory.ate_se2.rmse_m, abs=1e-9)
 
 
 def test_what_is_odd_about_a_run_is_said() -> None:

@@ -99,6 +99,31 @@ def test_one_of_two_true_cones_on_one_spot_is_enough() -> None:
     assert neither.recall == pytest.approx(38 / 40)
 
 
+def test_neither_place_nor_colour_is_measured_where_the_truth_is_two_cones() -> None:
+    truth = ring()
+    xy = np.concatenate([truth.xy_m, truth.xy_m[:1] + np.array([0.0, 0.14])])
+    twins = TruthMap(np.arange(41), xy, np.append(truth.cone_class, Y))
+    between = truth.xy_m.copy()
+    between[0, 1] += 0.07
+    one = map_metrics(perfect(TruthMap(truth.id, between, truth.cone_class)), twins)
+    assert (one.matched, one.measured, one.recall, one.precision) == (40, 39, 1.0, 1.0)
+    assert one.max_aligned_m == pytest.approx(0.0, abs=5e-3)
+    assert one.nees_per_dof < 1e-2
+    assert one.colour is not None
+    assert one.colour.checked == 39
+    both = map_metrics(perfect(twins), twins)
+    assert (both.matched, both.measured, both.duplicates) == (41, 39, 0)
+    assert (both.recall, both.precision, both.observable) == (1.0, 1.0, 41)
+
+
+def test_a_band_says_how_far_from_one_the_figure_may_be() -> None:
+    """Of 40 cones with 2 degrees of freedom each: 1 ± 1.96 sqrt(2 / 80), about."""
+    m = map_metrics(perfect(ring()), ring())
+    assert m.nees_band.low == pytest.approx(1 - 1.96 * np.sqrt(2 / 80), abs=0.03)
+    assert m.nees_band.high == pytest.approx(1 + 1.96 * np.sqrt(2 / 80), abs=0.03)
+    assert not m.nees_band.inside
+
+
 def test_doubled_cones_are_duplicates_and_strays_are_false() -> None:
     truth = ring()
     xy = np.concatenate([truth.xy_m, truth.xy_m[:5] + 0.4, [[0.0, 0.0], [3.0, 3.0]]])
@@ -118,6 +143,12 @@ def test_colour_errors_are_told_apart() -> None:
     assert m.colour.errors == 2
     assert m.colour.orange_size == 2
     assert m.colour.unknown == 1
+    confusion = np.zeros((5, 5), dtype=np.int64)
+    for true, seen in zip(wanted.tolist(), got.tolist(), strict=True):
+        confusion[true, seen] += 1
+    np.testing.assert_array_equal(m.colour.confusion, confusion)
+    assert confusion[B, B] == 1
+    assert confusion[Y, SO] == 1
 
 
 def test_without_a_true_colour_there_is_no_colour_figure() -> None:
