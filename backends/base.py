@@ -15,7 +15,7 @@ from conegraph.types import (
     Lap,
     LoopClosure,
     OdometryStep,
-    Retraction,
+    Revision,
     Trajectory,
     VelocityObservation,
 )
@@ -31,8 +31,8 @@ class FrameEvents:
         reason: why the status is what it is.
         stage_ms: time spent by stage.
         consistency: what the innovations of the last seconds say.
-        retractions: matches of earlier frames that were taken back; after `finish`,
-            by the final solution.
+        revisions: sightings of earlier frames that were taken back, or found a cone
+            after all; after `finish`, in the final solution.
         odometry: what odometry said of the motion since the frame before.
     """
 
@@ -41,7 +41,7 @@ class FrameEvents:
     reason: str = ""
     stage_ms: Mapping[str, float] | None = None
     consistency: Consistency = field(default_factory=Consistency)
-    retractions: tuple[Retraction, ...] = ()
+    revisions: tuple[Revision, ...] = ()
     odometry: OdometryStep | None = None
 
 

@@ -24,7 +24,7 @@ from conegraph.types import (
     Estimate,
     IntArray,
     LoopClosure,
-    Retraction,
+    Revision,
     SensorModel,
     Trajectory,
 )
@@ -78,7 +78,7 @@ class Isam2Backend(Tracker):
         self._frames = 0
         self._waiting: list[TrackedFrame] = []
         self._since: deque[TrackedFrame] = deque(maxlen=OLDEST_SNAPSHOT)
-        self._undone: list[Retraction] = []
+        self._undone: list[Revision] = []
         self._updated_s = -np.inf
         self._pose_cov = np.zeros((3, 3))
         self._anchor_m = np.zeros(2)
@@ -108,7 +108,7 @@ class Isam2Backend(Tracker):
         self.last_events = replace(
             self.last_events,
             closures=self.last_events.closures + _undone_closures(undone),
-            retractions=undone,
+            revisions=undone,
             stage_ms=stages,
         )
         return result
@@ -135,8 +135,8 @@ class Isam2Backend(Tracker):
         settled = self.mapping.finish(polish=self._graph_config.polish)
         if settled is None:
             return None
-        undone = (*self._undone, *settled.retractions)
-        self.last_events = FrameEvents(retractions=undone)
+        undone = (*self._undone, *settled.revisions)
+        self.last_events = FrameEvents(revisions=undone)
         self._take_map(settled)
         return settled.path
 
@@ -156,7 +156,7 @@ class Isam2Backend(Tracker):
     def _take(self, mapped: Mapped | None) -> None:
         """Go on from what the graph believes; note what it took back."""
         if mapped is not None:
-            self._undone += mapped.retractions
+            self._undone += mapped.revisions
             if mapped.snapshot is not None:
                 self._resume(mapped.snapshot)
 
@@ -208,10 +208,10 @@ class Isam2Backend(Tracker):
 
 
 def _undone_closures(
-    retractions: Sequence[Retraction],
+    revisions: Sequence[Revision],
 ) -> tuple[LoopClosure, ...]:
     return tuple(
         LoopClosure(r.stamp_s, 0.0, False, f"undone: residual d2 {np.median(r.d2):.0f}")
-        for r in retractions
+        for r in revisions
         if r.closure
     )

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from conegraph.backends.tracked_frame import TrackedFrame
-from conegraph.types import Array, IntArray, Mask, Retraction
+from conegraph.types import Array, IntArray, Mask, MatchStatus, Revision
 
 BIAS_SEGMENT_S = 10.0
 """Length of a stretch of time with one yaw-rate bias."""
@@ -84,7 +84,7 @@ class Journal:
             self.sightings[cone] = self.sightings.get(cone, 0) + 1
         return entry
 
-    def retract(self, entry: Entry, index: IntArray, d2: Array) -> list[Retraction]:
+    def retract(self, entry: Entry, index: IntArray, d2: Array) -> list[Revision]:
         """Take sightings of an entry back, save those that alone hold a cone.
 
         Args:
@@ -106,14 +106,42 @@ class Journal:
             return []
         at = index[gone]
         return [
-            Retraction(
+            Revision(
                 frame.stamp_s,
                 frame.row[at],
                 frame.landmark_id[at],
                 d2[gone],
-                frame.closure,
+                closure=frame.closure,
             )
         ]
+
+    def adopt(
+        self, entry: Entry, index: IntArray, cone: IntArray, d2: Array
+    ) -> Revision:
+        """Let sightings that were left aside count after all.
+
+        Args:
+            entry: the frame.
+            index: (n,) places among its unclaimed sightings.
+            cone: (n,) what they show.
+            d2: (n,) how well they fit it.
+        """
+        frame, found = entry.frame, entry.frame.unclaimed.subset(index)
+        others = np.setdiff1d(np.arange(len(frame.unclaimed)), index)
+        entry.frame = replace(
+            frame,
+            landmark_id=np.concatenate([frame.landmark_id, cone]),
+            row=np.concatenate([frame.row, found.row]),
+            xy_m=np.concatenate([frame.xy_m, found.xy_m]),
+            cov_m2=np.concatenate([frame.cov_m2, found.reported_m2]),
+            reported_m2=np.concatenate([frame.reported_m2, found.reported_m2]),
+            vague=np.concatenate([frame.vague, np.zeros(len(cone), dtype=bool)]),
+            unclaimed=frame.unclaimed.subset(others),
+        )
+        entry.kept = np.concatenate([entry.kept, np.ones(len(cone), dtype=bool)])
+        for one in cone.tolist():
+            self.sightings[one] += 1
+        return Revision(frame.stamp_s, found.row, cone, d2, MatchStatus.MATCHED)
 
     def drop(self, entry: Entry) -> None:
         """Take all sightings of an entry back, whatever they hold."""

@@ -29,6 +29,7 @@ from conegraph.backends.reviewer import (
     LoopWatch,
     residual_d2,
 )
+from conegraph.backends.second_look import second_look
 from conegraph.backends.solver import (
     UNSOLVABLE,
     kind,
@@ -40,12 +41,12 @@ from conegraph.backends.solver import (
 )
 from conegraph.backends.tracked_frame import TrackedFrame
 from conegraph.config import Isam2Config, MotionConfig
-from conegraph.geometry import to_parent
+from conegraph.geometry import to_child, to_parent
 from conegraph.types import (
     Array,
     ConeMap,
     IntArray,
-    Retraction,
+    Revision,
     SensorModel,
     Trajectory,
 )
@@ -87,6 +88,7 @@ class Mapper:
         """
         self._builder = GraphBuilder(config, motion, known, sensor)
         self._bounded = config.bounded
+        self._sensor = sensor
         self.isam = new_isam()
         self.journal = Journal()
         self.cones: dict[int, None] = {}
@@ -135,7 +137,7 @@ class Mapper:
         """(2, 2) covariance of a cone in the world."""
         return np.asarray(self.isam.marginalCovariance(L(cone)))
 
-    def update(self, frames: Sequence[TrackedFrame]) -> list[Retraction]:
+    def update(self, frames: Sequence[TrackedFrame]) -> list[Revision]:
         """Add frames and solve; return what had to be taken back.
 
         A solver that throws is thrown away: the graph is solved anew in batch from
@@ -155,10 +157,10 @@ class Mapper:
         self._new_values = gtsam.Values()
         if self.failed:
             return []
-        retractions = self._review(begin)
+        revisions = self._review(begin)
         if self._should_sum_up():
-            retractions += self._sum_up()
-        return retractions
+            revisions += self._sum_up()
+        return revisions
 
     def _add(self, frame: TrackedFrame) -> None:
         entry = self.journal.append(frame)
@@ -227,17 +229,39 @@ class Mapper:
 
     def _converged(
         self, base: Factors, entries: Sequence[Entry], values: gtsam.Values
-    ) -> tuple[gtsam.Values, list[Retraction]]:
-        """Solve in batch, doubt every sighting, solve again without the bad ones."""
+    ) -> tuple[gtsam.Values, list[Revision]]:
+        """Solve in batch; solve again without what does not fit and with what does."""
         values = self._solved(base, entries, values)
-        taken: list[Retraction] = []
+        revised: list[Revision] = []
         for entry in entries:
             pose = pose_array(values.atPose2(X(entry.k)))
             cones = np.array([values.atPoint2(L(c)) for c in entry.cones.tolist()])
-            taken += self._doubt(entry, residual_d2(entry, pose, cones))
-        if taken:
+            revised += self._doubt(entry, residual_d2(entry, pose, cones))
+        revised += self._second_look(entries, values)
+        if revised:
             values = self._solved(base, entries, values)
-        return values, taken
+        return values, revised
+
+    def _second_look(
+        self, entries: Sequence[Entry], values: gtsam.Values
+    ) -> list[Revision]:
+        """Give sightings that had been left aside to the cones that they now fit."""
+        if self._sensor is None:
+            return []
+        cones = np.array(list(self.cones), dtype=np.int64)
+        xy_m = np.array([values.atPoint2(L(c)) for c in cones.tolist()]).reshape(-1, 2)
+        found = []
+        for entry in entries:
+            if len(entry.frame.unclaimed) == 0:
+                continue
+            there_m = to_child(pose_array(values.atPose2(X(entry.k))), xy_m)
+            free = ~np.isin(cones, entry.cones)
+            index, which, d2 = second_look(
+                entry.frame.unclaimed, there_m, free, self._sensor
+            )
+            if len(index):
+                found.append(self.journal.adopt(entry, index, cones[which], d2))
+        return found
 
     def _start_anew(self, values: gtsam.Values) -> None:
         """Let a new solver hold the base and the window, linearised at values."""
@@ -274,7 +298,7 @@ class Mapper:
         """Replace a solver that turned out to be unusable when it was read."""
         self._rebuild(len(self.journal))
 
-    def _review(self, begin: int) -> list[Retraction]:
+    def _review(self, begin: int) -> list[Revision]:
         """Take back what does not fit: fresh closures, ripe loops, ripe sightings.
 
         What iSAM2 has just closed it has not yet settled: then, and before anything
@@ -294,8 +318,8 @@ class Mapper:
         ):
             end += 1
         doubted = entries[max(self._reviewed, self._first_exact) : end]
-        undone: list[Retraction] = []
-        taken: list[Retraction] = []
+        undone: list[Revision] = []
+        taken: list[Revision] = []
         off = any(self._is_off(loop) for loop in loops)
         if closing or off or self._suspects(doubted):
             values = self.isam.calculateEstimate()
@@ -314,7 +338,7 @@ class Mapper:
     def _suspects(self, entries: Sequence[Entry]) -> bool:
         return any((self._residual_d2(e) > SUSPECT_D2).any() for e in entries)
 
-    def _doubt(self, entry: Entry, d2: Array) -> list[Retraction]:
+    def _doubt(self, entry: Entry, d2: Array) -> list[Revision]:
         """Take sightings of an entry back that are far off in the solution."""
         bad = d2 > SUSPECT_D2
         return self.journal.retract(entry, np.flatnonzero(entry.kept)[bad], d2[bad])
@@ -334,7 +358,7 @@ class Mapper:
         d2 = [off for _, _, off in self._off_d2(loop)]
         return any(map(len, d2)) and bool(np.median(np.concatenate(d2)) > LOOP_D2)
 
-    def _doubt_loop(self, loop: Loop) -> list[Retraction]:
+    def _doubt_loop(self, loop: Loop) -> list[Revision]:
         """Undo a loop that does not fit.
 
         A wrong loop that the graph could not be bent to shows as residuals far
@@ -368,7 +392,7 @@ class Mapper:
         enough = KEEP + (SUM_UP_EVERY if self._first_exact else 1)
         return len(self.window) >= enough
 
-    def _sum_up(self) -> list[Retraction]:
+    def _sum_up(self) -> list[Revision]:
         """Sum all but the newest poses up in one factor on the cones.
 
         The window is first solved to convergence and doubted once more: what is
@@ -403,14 +427,14 @@ class Mapper:
             )
         ]
 
-    def settle(self, *, polish: bool) -> tuple[Trajectory | None, list[Retraction]]:
+    def settle(self, *, polish: bool) -> tuple[Trajectory | None, list[Revision]]:
         """Solve to convergence if asked; return the whole path, None if failed.
 
         iSAM2 ends where its thresholds let it, and what was summed up is linear;
         the journal has everything as it was said. Sightings that are far off in the
         solution are taken back, and it is solved once more.
         """
-        taken: list[Retraction] = []
+        taken: list[Revision] = []
         if self.failed:
             return None, taken
         values = gtsam.Values(self._archive)
@@ -425,7 +449,7 @@ class Mapper:
         stamps = np.array([e.frame.stamp_s for e in entries])
         return Trajectory(stamps, np.array(poses).reshape(-1, 3)), taken
 
-    def _polished(self, values: gtsam.Values) -> tuple[gtsam.Values, list[Retraction]]:
+    def _polished(self, values: gtsam.Values) -> tuple[gtsam.Values, list[Revision]]:
         base = self._builder.start()
         values, taken = self._converged(base, self.journal.entries, values)
         self._base, self._first_exact = base, 0

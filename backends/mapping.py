@@ -12,7 +12,7 @@ from conegraph.backends.mapper import Mapper
 from conegraph.backends.snapshot import Snapshot, take_snapshot
 from conegraph.backends.solver import UNSOLVABLE
 from conegraph.backends.tracked_frame import TrackedFrame
-from conegraph.types import Array, IntArray, Retraction, Trajectory
+from conegraph.types import Array, IntArray, Revision, Trajectory
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,11 +21,11 @@ class Mapped:
 
     Attributes:
         snapshot: what the graph then believes, None if it cannot be solved.
-        retractions: what was taken back.
+        revisions: what was taken back.
     """
 
     snapshot: Snapshot | None
-    retractions: tuple[Retraction, ...]
+    revisions: tuple[Revision, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,14 +34,14 @@ class Settled:
 
     Attributes:
         path: every pose.
-        retractions: what was taken back and not yet told.
+        revisions: what was taken back and not yet told.
         ids: (n,) the cones.
         xy_m: (n, 2) where they are.
         cov_m2: (n, 2, 2) their covariances.
     """
 
     path: Trajectory
-    retractions: tuple[Retraction, ...]
+    revisions: tuple[Revision, ...]
     ids: IntArray
     xy_m: Array
     cov_m2: Array
@@ -66,7 +66,7 @@ class Mapping(Protocol):
     def finish(self, *, polish: bool) -> Settled | None:
         """Wait for everything, settle it and stop; None if the graph is gone.
 
-        With the retractions of results that were not taken out.
+        With the revisions of results that were not taken out.
         """
         ...
 
@@ -109,14 +109,14 @@ def map_frames(
     """
     if mapper.failed:
         return Mapped(None, ())
-    retractions: list[Retraction] = []
+    revisions: list[Revision] = []
     try:
-        retractions = mapper.update(frames)
+        revisions = mapper.update(frames)
         shot = None if mapper.failed else take_snapshot(mapper, radius_m)
     except UNSOLVABLE:
         mapper.mend()
         shot = None
-    return Mapped(shot, tuple(retractions))
+    return Mapped(shot, tuple(revisions))
 
 
 def with_earlier(
@@ -125,8 +125,8 @@ def with_earlier(
     """Add what results took back that nobody has taken out."""
     if settled is None:
         return None
-    late = (r for mapped in answers if mapped is not None for r in mapped.retractions)
-    return replace(settled, retractions=(*late, *settled.retractions))
+    late = (r for mapped in answers if mapped is not None for r in mapped.revisions)
+    return replace(settled, revisions=(*late, *settled.revisions))
 
 
 def settle(mapper: Mapper, *, polish: bool) -> Settled | None:
@@ -134,7 +134,7 @@ def settle(mapper: Mapper, *, polish: bool) -> Settled | None:
     if len(mapper.journal) == 0:
         return None
     try:
-        path, retractions = mapper.settle(polish=polish)
+        path, revisions = mapper.settle(polish=polish)
         if path is None:
             return None
         ids = list(mapper.cones)
@@ -142,4 +142,4 @@ def settle(mapper: Mapper, *, polish: bool) -> Settled | None:
         cov = np.array([mapper.cone_cov_m2(c) for c in ids]).reshape(-1, 2, 2)
     except UNSOLVABLE:
         return None
-    return Settled(path, tuple(retractions), np.array(ids, dtype=np.int64), xy, cov)
+    return Settled(path, tuple(revisions), np.array(ids, dtype=np.int64), xy, cov)

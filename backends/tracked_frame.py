@@ -2,10 +2,34 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+import numpy as np
 
 from conegraph.backends.motion import OdometryIncrement
 from conegraph.types import Array, IntArray, Mask
+
+
+@dataclass(frozen=True, slots=True)
+class Unclaimed:
+    """Sightings that no cone was sure enough to be given, and that made none.
+
+    Attributes:
+        row: (m,) their rows in the frame as it passed the gate.
+        xy_m: (m, 2) where they were seen, car frame.
+        reported_m2: (m, 2, 2) sensor noise as reported.
+    """
+
+    row: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    xy_m: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    reported_m2: Array = field(default_factory=lambda: np.zeros((0, 2, 2)))
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+    def subset(self, index: IntArray) -> Unclaimed:
+        """Return the sightings at the given places."""
+        return Unclaimed(self.row[index], self.xy_m[index], self.reported_m2[index])
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +53,7 @@ class TrackedFrame:
         deleted: ids of cones that were found not to exist.
         jump: whether the car was found to be elsewhere than the motion since the
             frame before says: carried, or lost and found again.
+        unclaimed: what else was seen, for a second look at the end.
     """
 
     stamp_s: float
@@ -45,3 +70,4 @@ class TrackedFrame:
     merged: tuple[tuple[int, int], ...] = ()
     deleted: tuple[int, ...] = ()
     jump: bool = False
+    unclaimed: Unclaimed = field(default_factory=Unclaimed)

@@ -38,7 +38,7 @@ from conegraph.backends.sensor_noise import (
     with_configured_noise,
     with_scaled_odometry,
 )
-from conegraph.backends.tracked_frame import TrackedFrame
+from conegraph.backends.tracked_frame import TrackedFrame, Unclaimed
 from conegraph.backends.velocity import cone_velocity
 from conegraph.config import Config
 from conegraph.types import (
@@ -333,6 +333,7 @@ class Tracker:
         status[born] = 4
         # A pair that may be wrong corrects the filter; the graph would keep it.
         sure = has_id & ~pairs.cluster.soft & trusted
+        aside = np.flatnonzero(~sure).astype(np.int64)
         noise = self._noise_of(frame, np.where(sure, slot, -1))
         state, speed_cov = map_.filter.vehicle, map_.filter.vehicle_cov[3:5, 3:5]
         known = book.id
@@ -354,6 +355,7 @@ class Tracker:
             merged,
             tuple(sorted(deleted)),
             self._recovery.jumped,
+            Unclaimed(aside, frame.xy_m[aside], frame.cov_m2[aside]),
         )
         self.last_frame, self.last_ids = frame, ids
         d2 = np.where(np.isfinite(pairs.d2), pairs.d2, np.nan)

@@ -205,7 +205,7 @@ class Pipeline:
             self._viewer.finish(cone_map, smoothed)
             summary = self._summary(log, time.perf_counter() - began)
             if files is not None:
-                files.retract(self.backend.last_events.retractions)
+                files.revise(self.backend.last_events.revisions)
                 files.finish(cone_map, smoothed, summary)
                 self._write_track(files.folder, cone_map, first_pose)
             return self._judged(files, out, log, cone_map, smoothed, summary)
@@ -246,7 +246,7 @@ class Pipeline:
             events.laps,
             stages,
             events.consistency,
-            events.retractions,
+            events.revisions,
             events.odometry,
         )
 

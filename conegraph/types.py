@@ -517,14 +517,16 @@ class OdometryStep:
 
 
 @dataclass(frozen=True, slots=True)
-class Retraction:
-    """Sightings of an earlier frame that did not stand the test after the fact.
+class Revision:
+    """Sightings of an earlier frame that later ones made look different.
 
     Attributes:
         stamp_s: that frame's stamp.
         observation: (N,) their rows in it, as it passed the gate.
-        landmark_id: (N,) the cones that they were taken for.
+        landmark_id: (N,) the cones that they were taken for, or now are.
         d2: (N,) squared Mahalanobis distances to these in the solution.
+        status: `REJECTED` where they did not stand the test after the fact,
+            `MATCHED` where they had been left aside and now are sure.
         closure: whether they had closed a loop at the start line.
     """
 
@@ -532,6 +534,7 @@ class Retraction:
     observation: IntArray
     landmark_id: IntArray
     d2: Array
+    status: MatchStatus = MatchStatus.REJECTED
     closure: bool = False
 
     def __post_init__(self) -> None:
@@ -554,7 +557,7 @@ class FrameRecord:
         laps: laps completed in this frame.
         stage_ms: time spent by stage, in ms; the key ``frame`` is the whole.
         consistency: what the innovations of the last seconds say.
-        retractions: matches of earlier frames that were taken back in this one.
+        revisions: matches of earlier frames that were taken back in this one.
         odometry: what odometry said, None without any.
     """
 
@@ -566,5 +569,5 @@ class FrameRecord:
     laps: tuple[Lap, ...] = ()
     stage_ms: Mapping[str, float] = field(default_factory=dict)
     consistency: Consistency = field(default_factory=Consistency)
-    retractions: tuple[Retraction, ...] = ()
+    revisions: tuple[Revision, ...] = ()
     odometry: OdometryStep | None = None

@@ -27,8 +27,7 @@ from conegraph.types import (
     ConeMap,
     ConeObservations,
     FrameRecord,
-    MatchStatus,
-    Retraction,
+    Revision,
     Trajectory,
 )
 
@@ -146,11 +145,11 @@ class RunWriter:
             x, y, yaw = record.odometry.delta.tolist()
             bias = record.odometry.yaw_rate_bias_radps
             self._append(MOTION, f"{t},{x:.9g},{y:.9g},{yaw:.9g},{bias:.6g}\n")
-        self.retract(record.retractions)
+        self.revise(record.revisions)
 
-    def retract(self, retractions: Sequence[Retraction]) -> None:
-        """Append what became of matches that were taken back: the last row holds."""
-        for made in retractions:
+    def revise(self, revisions: Sequence[Revision]) -> None:
+        """Append what became of earlier sightings: the last row holds."""
+        for made in revisions:
             rows = zip(
                 made.observation.tolist(),
                 made.landmark_id.tolist(),
@@ -158,8 +157,7 @@ class RunWriter:
                 strict=True,
             )
             t = f"{made.stamp_s:.9f}"
-            status = MatchStatus.REJECTED
-            lines = [f"{t},{i},{status},{cone},{d2:.6g}\n" for i, cone, d2 in rows]
+            lines = [f"{t},{i},{made.status},{cone},{d2:.6g}\n" for i, cone, d2 in rows]
             self._append(ASSOCIATIONS, "".join(lines))
 
     def checkpoint(self, cone_map: ConeMap) -> None:
