@@ -18,6 +18,7 @@ from conegraph.cli.calibrate import calibrate
 from conegraph.cli.compare import compare
 from conegraph.cli.demo import demo
 from conegraph.cli.detect import detect
+from conegraph.cli.doctor import doctor
 from conegraph.cli.record import record
 from conegraph.cli.run import run
 from conegraph.cli.simulate import simulate
@@ -43,6 +44,7 @@ app.command("record")(record)
 app.command("simulate")(simulate)
 app.command("track")(track)
 app.command("tune")(tune)
+app.command("doctor")(doctor)
 app.command("view")(view)
 app.add_typer(bench.app, name="bench")
 app.add_typer(config.app, name="config")
