@@ -23,6 +23,7 @@ from conegraph.cli.record import record
 from conegraph.cli.run import run
 from conegraph.cli.simulate import simulate
 from conegraph.cli.track import track
+from conegraph.cli.train_detector import train_detector
 from conegraph.cli.tune import tune
 from conegraph.cli.view import view
 from conegraph.errors import ConegraphError
@@ -43,6 +44,7 @@ app.command("calibrate")(calibrate)
 app.command("record")(record)
 app.command("simulate")(simulate)
 app.command("track")(track)
+app.command("train-detector")(train_detector)
 app.command("tune")(tune)
 app.command("doctor")(doctor)
 app.command("view")(view)
