@@ -59,7 +59,7 @@ def association_metrics(
         raise ValueError(f"{len(truth_id)} true ids for {len(rows)} association rows")
     matched = rows.status == MatchStatus.MATCHED
     assigned = matched | (rows.status == MatchStatus.NEW)
-    _, cone = _majority(rows.landmark_id[assigned], truth_id[assigned])
+    _, cone = majority(rows.landmark_id[assigned], truth_id[assigned])
     right = right_rows(rows, truth_id)
     mapped = _already_mapped(right, truth_id)
     n_matched, n_mapped = int(matched.sum()), int(mapped.sum())
@@ -85,17 +85,21 @@ def right_rows(rows: AssociationRows, truth_id: IntArray) -> Mask:
         truth_id: (N,) true ids, -1 for false detections.
     """
     assigned = np.isin(rows.status, (MatchStatus.MATCHED, MatchStatus.NEW))
-    landmark, cone = _majority(rows.landmark_id[assigned], truth_id[assigned])
+    landmark, cone = majority(rows.landmark_id[assigned], truth_id[assigned])
     shown = np.full(len(rows), -1)
     shown[assigned] = cone[np.searchsorted(landmark, rows.landmark_id[assigned])]
     right: Mask = assigned & (shown == truth_id) & (truth_id >= 0)
     return right
 
 
-def _majority(landmark_id: IntArray, truth_id: IntArray) -> tuple[IntArray, IntArray]:
+def majority(landmark_id: IntArray, truth_id: IntArray) -> tuple[IntArray, IntArray]:
     """Return the landmarks, ascending, and the cone each shows most often.
 
     Of cones shown equally often, the one with the smallest id counts.
+
+    Args:
+        landmark_id: (N,) to which landmark each observation was given.
+        truth_id: (N,) which cone it shows.
     """
     pairs, count = np.unique(
         np.column_stack([landmark_id, truth_id]), axis=0, return_counts=True

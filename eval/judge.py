@@ -227,8 +227,8 @@ def _track_metrics(
     cones: MapMetrics | None,
     pairs: PosePairs | None,
 ) -> TrackMetrics | None:
-    """Judge the track that the run wrote, if there is a true one."""
-    if truth is None or cones is None:
+    """Judge the track that the run wrote at its end, if there is a true one."""
+    if truth is None or cones is None or not run.finished:
         return None
     track = read_written_track(run.folder / TRACK)
     if track is None:

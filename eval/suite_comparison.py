@@ -10,8 +10,9 @@ import numpy as np
 from conegraph.eval.paired import Duel, Pair, duel, duels
 from conegraph.eval.record import Record
 from conegraph.eval.statistics import Estimate, Rate, estimate, rate
-from conegraph.eval.suite_metrics import MAIN, METRICS, Metric
+from conegraph.eval.suite_metrics import METRICS, Metric
 from conegraph.eval.suite_rows import SuiteRow
+from conegraph.eval.suite_verdict import findings
 
 _Key = tuple[str, str]
 
@@ -36,18 +37,23 @@ class SuiteComparison(Record):
     """All runs of a suite.
 
     Attributes:
-        verdict: effect first, for every two contenders.
+        findings: what they show in sentences, effect first.
         contenders: each by itself, their medians in the order of `metrics`.
         metrics: what was measured.
         duels: every two of them over the same streams.
         notes: what is odd about the rows.
     """
 
-    verdict: str
+    findings: tuple[str, ...]
     contenders: tuple[Contender, ...]
     metrics: tuple[Metric, ...]
     duels: tuple[Duel, ...]
     notes: tuple[str, ...]
+
+    @property
+    def verdict(self) -> str:
+        """All that the runs show."""
+        return " ".join(self.findings)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,9 +81,10 @@ def compare_suite(rows: Sequence[SuiteRow]) -> SuiteComparison:
     for row in rows:
         by_name.setdefault(row.contender, []).append(row)
     pairs = duels(rows)
+    contenders = tuple(_contender(name, own) for name, own in by_name.items())
     return SuiteComparison(
-        verdict=" ".join(verdict(one) for one in pairs),
-        contenders=tuple(_contender(name, own) for name, own in by_name.items()),
+        findings=findings({one.name: one.failures for one in contenders}, pairs),
+        contenders=contenders,
         metrics=METRICS,
         duels=pairs,
         notes=_notes(rows),
@@ -120,22 +127,6 @@ def _only(
     these: Mapping[_Key, SuiteRow], others: Mapping[_Key, SuiteRow]
 ) -> tuple[str, ...]:
     return tuple(" ".join(key) for key in these if key not in others)
-
-
-def verdict(one: Duel) -> str:
-    """Return what matters most of two contenders, effects first."""
-    first, second = one.names
-    main = [effect for effect in one.effects if effect.metric.name in MAIN]
-    said = [effect.sentence for effect in main if effect.better]
-    level = [effect.metric.label for effect in main if not effect.better]
-    if level:
-        said.append(f"no difference shown in {'; '.join(level)}")
-    where = "tracks like these" if one.general else "these"
-    return (
-        f"{second} against {first} on {where} {one.tracks}"
-        f"{'' if one.general else ' tracks'}: {'. '.join(said)}. "
-        f"{one.failures.sentence.capitalize()}."
-    )
 
 
 def _contender(name: str, rows: Sequence[SuiteRow]) -> Contender:

@@ -46,7 +46,6 @@ from conegraph.eval.suite_pictures import (
 )
 from conegraph.eval.suite_rows import RESULTS, SuiteRow, read_results
 from conegraph.eval.suite_tables import contender_table, failure_table, stream_table
-from conegraph.eval.suite_verdict import headlines
 from conegraph.io.plain import to_plain
 from conegraph.io.run_writer import replace_text
 
@@ -82,11 +81,12 @@ def write_suite_report(folder: Path) -> Path:
         raise FileFormatError(folder / RESULTS, "holds no run")
     comparison = compare_suite(rows)
     document = suite_document(rows, comparison, SeriesFolder(folder))
-    plain: dict[str, object] = {
+    plain = {
         "schema_version": SCHEMA_VERSION,
-        "verdict": document.verdict,
+        "verdict": comparison.verdict,
+        "warnings": document.warnings,
+        **comparison.to_dict(),
     }
-    plain |= {"warnings": document.warnings, **comparison.to_dict()}
     page = folder / "report.html"
     replace_text(
         folder / "report.json",
@@ -102,16 +102,18 @@ def suite_document(
 ) -> Document:
     """Return what there is to say of a benchmark's runs."""
     grouped = by_contender(rows)
-    sections = (
-        Section("What was run", (_facts(rows, grouped),)),
-        Section("Who is better", _duels(comparison)),
-        Section("Every back end by itself", _alone(comparison, grouped)),
-        Section("Maps over the truth", _maps(grouped, series)),
-        Section("Along the way", _along(grouped, series)),
-        Section("Worst runs", _worst(rows)),
-        Section("Every difference", _differences(comparison)),
+    found: tuple[tuple[str, tuple[Block, ...]], ...] = (
+        ("What was run", (_facts(rows, grouped),)),
+        ("Who is better", _duels(comparison)),
+        ("Every back end by itself", _alone(comparison, grouped)),
+        ("Maps over the truth", _maps(grouped, series)),
+        ("Along the way", _along(grouped, series)),
+        ("Worst runs", _worst(rows)),
+        ("Every difference", tuple(duel_table(d) for d in comparison.duels)),
+        ("What the words mean", (Paragraph(WORDS),)),
     )
-    first, *others = headlines(comparison)
+    sections = tuple(Section(title, blocks) for title, blocks in found if blocks)
+    first, *others = comparison.findings
     warnings = (*comparison.notes, *truth_notes(rows, series), *_missing(series))
     suites = ", ".join(sorted({row.suite for row in rows}))
     title = f"Benchmark {suites}: {len(rows)} runs"
@@ -136,13 +138,7 @@ def _duels(comparison: SuiteComparison) -> tuple[Block, ...]:
         for number, duel in enumerate(comparison.duels, 1)
     ]
     pictures = tuple(picture for picture in drawn if picture is not None)
-    if not pictures:
-        return (Paragraph("There are not enough drives to compare back ends on."),)
-    return (Gallery(pictures),)
-
-
-def _differences(comparison: SuiteComparison) -> tuple[Block, ...]:
-    return (*(duel_table(duel) for duel in comparison.duels), Paragraph(WORDS))
+    return (Gallery(pictures),) if pictures else ()
 
 
 def _alone(comparison: SuiteComparison, grouped: Grouped) -> tuple[Block, ...]:
@@ -175,7 +171,7 @@ def _facts(rows: Sequence[SuiteRow], grouped: Grouped) -> Facts:
 def _maps(grouped: Grouped, series: SeriesFolder) -> tuple[Block, ...]:
     median, worst = median_maps(grouped, series), worst_maps(grouped, series)
     if not median:
-        return (Paragraph("No run wrote its map down."),)
+        return ()
     return (
         Paragraph(KEY),
         Paragraph("The run of each back end whose map is its median:"),
@@ -191,8 +187,9 @@ def _along(grouped: Grouped, series: SeriesFolder) -> tuple[Block, ...]:
     sound = sound_series(grouped, series)
     times = (latency_histogram(sound), latency_over_laps(sound))
     galleries = (errors, nees, tuple(p for p in times if p is not None))
+    drawn = tuple(Gallery(pictures) for pictures in galleries if pictures)
     said = Paragraph("Runs that failed are left out of these drawings.")
-    return (said, *(Gallery(pictures) for pictures in galleries if pictures))
+    return (said, *drawn) if drawn else ()
 
 
 def _worst(rows: Sequence[SuiteRow]) -> tuple[Block, ...]:

@@ -1,9 +1,11 @@
-"""A duel in one sentence, effects first."""
+"""What a suite shows, in sentences: effects first."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 from conegraph.eval.paired import NO_DIFFERENCE, Duel, Effect, rate_text
-from conegraph.eval.suite_comparison import SuiteComparison
+from conegraph.eval.statistics import Rate
 from conegraph.eval.suite_metrics import MAIN
 
 SHORT = {
@@ -18,24 +20,27 @@ LARGE = 2.0
 """Ratios from here on are said as such: 500 % higher is hard to imagine."""
 
 
-def headlines(comparison: SuiteComparison) -> tuple[str, ...]:
-    """Return sentences: the first two contenders, failures, the other duels."""
-    if not comparison.duels:
-        (alone,) = comparison.contenders
-        return (f"{alone.name} ran alone, so there is nothing to compare.",)
-    first, *others = comparison.duels
+def findings(rates: Mapping[str, Rate], duels: Sequence[Duel]) -> tuple[str, ...]:
+    """Return sentences: the first two contenders, failures, the other duels.
+
+    Args:
+        rates: how often each contender failed.
+        duels: every two of them.
+    """
+    if not duels:
+        names = " and ".join(rates)
+        return (f"{names} ran alone, so there is nothing to compare.",)
+    first, *others = duels
     general = (
         "This holds for tracks like these."
         if first.general
         else "This holds for these tracks only: too few to speak of others."
     )
-    rates = ", ".join(
-        f"{c.name} {rate_text(c.failures)}" for c in comparison.contenders
-    )
+    failed = ", ".join(f"{name} {rate_text(rate)}" for name, rate in rates.items())
     return (
         headline(first),
         general,
-        f"Failed runs: {rates}.",
+        f"Failed runs: {failed}.",
         *(headline(duel) for duel in others),
     )
 

@@ -17,6 +17,7 @@ from conegraph.config import (
     HsvConfig,
     HsvThesisConfig,
     Isam2Config,
+    YoloConfig,
     config_to_toml,
     load_config,
     parse_override,
@@ -27,7 +28,7 @@ from conegraph.errors import ConfigError
 
 CHOICES: dict[str, list[type[BaseModel]]] = {
     "backend": [EkfConfig, Isam2Config],
-    "detector": [HsvConfig, HsvThesisConfig],
+    "detector": [HsvConfig, HsvThesisConfig, YoloConfig],
 }
 positive = st.floats(1e-9, 1e9)
 

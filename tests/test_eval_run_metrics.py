@@ -10,7 +10,7 @@ from conegraph.eval.run_metrics import cost_metrics
 
 def test_cost_relates_time_spent_to_time_driven_and_to_laps() -> None:
     """100 s at 10 Hz; 20 ms a frame, but 30 in the second lap; 5 ms of detection."""
-    stamps = 0.1 * np.arange(1001)
+    stamps = 0.1 * np.arange(1001, dtype=np.float64)
     frame = np.where((stamps > 51.0) & (stamps <= 91.0), 30.0, 20.0)
     summary = {
         "laps": [

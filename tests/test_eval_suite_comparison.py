@@ -77,7 +77,7 @@ def test_noise_is_called_no_difference() -> None:
     assert not found.shown
     assert found.sentence.endswith("no difference shown")
     said = compare_suite(rows).verdict
-    assert "no difference shown in map RMSE, aligned" in said
+    assert "no difference shown in map error" in said
     assert "better" not in said
 
 

@@ -152,7 +152,8 @@ def test_no_lane_is_no_truth_to_judge_by() -> None:
     rng = np.random.default_rng(3)
     strewn = TruthMap(np.arange(15), rng.uniform(-5, 5, (15, 2)), np.full(15, 4))
     assert true_track(strewn, None) is None
-    nothing = TruthMap(np.zeros(0), np.zeros((0, 2)), np.zeros(0))
+    none = np.zeros(0, dtype=np.int64)
+    nothing = TruthMap(none, np.zeros((0, 2)), none)
     assert true_track(nothing, None) is None
 
 

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import os
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from conegraph.eval.trajectory_metrics import pair_with_truth, trajectory_metrics
 from conegraph.geometry import compose, inverse
+from conegraph.io.tum_trajectory import write_tum
 from conegraph.types import Array, Trajectory
 
 
@@ -120,6 +127,18 @@ def test_nothing_in_common_is_no_metric() -> None:
     assert trajectory_metrics(Trajectory(np.zeros(0), np.zeros(0)), path) is None
 
 
+def recorded_pair() -> tuple[Trajectory, Trajectory]:
+    """An estimate that wavers about its truth, a figure of eight, in another frame."""
+    t = 0.1 * np.arange(601, dtype=np.float64)
+    yaw = np.arctan2(2 * np.cos(0.2 * t), 2 * np.cos(0.1 * t))
+    truth = np.stack([20 * np.sin(0.1 * t), 10 * np.sin(0.2 * t), yaw], -1)
+    slip = np.stack(
+        [0.05 * np.sin(0.9 * t), 0.08 * np.cos(0.5 * t), 0.02 * np.sin(0.3 * t)], -1
+    )
+    estimate = compose(np.array([1.5, -0.7, 0.3]), compose(truth, slip))
+    return Trajectory(t, estimate), Trajectory(t, truth)
+
+
 def test_agrees_with_evo() -> None:
     """The figures are what evo 1.38.1 printed for this very pair of paths.
 
@@ -129,14 +148,7 @@ def test_agrees_with_evo() -> None:
     --all_pairs --pairs_from_reference`` for D of 1 and 10, and ``-r angle_deg``; and
     ``--delta D --delta_unit f --all_pairs``, ten frames a second, for 10 and 100.
     """
-    t = 0.1 * np.arange(601, dtype=np.float64)
-    yaw = np.arctan2(2 * np.cos(0.2 * t), 2 * np.cos(0.1 * t))
-    truth = np.stack([20 * np.sin(0.1 * t), 10 * np.sin(0.2 * t), yaw], -1)
-    slip = np.stack(
-        [0.05 * np.sin(0.9 * t), 0.08 * np.cos(0.5 * t), 0.02 * np.sin(0.3 * t)], -1
-    )
-    estimate = compose(np.array([1.5, -0.7, 0.3]), compose(truth, slip))
-    m = trajectory_metrics(Trajectory(t, estimate), Trajectory(t, truth))
+    m = trajectory_metrics(*recorded_pair())
     assert m is not None
     evo = {
         m.ate_as_written: (5.084589, 4.725431, 5.083318, 7.362970),
@@ -158,3 +170,23 @@ def test_agrees_with_evo() -> None:
     assert second.yaw_rmse_deg == pytest.approx(0.238081, abs=6e-7)
     assert ten_s.rmse_m == pytest.approx(0.255038, abs=6e-7)
     assert ten_s.yaw_rmse_deg == pytest.approx(1.638633, abs=6e-7)
+
+
+@pytest.mark.skipif(shutil.which("evo_ape") is None, reason="evo is not installed")
+def test_evo_reads_our_files(tmp_path: Path) -> None:
+    estimate, truth = recorded_pair()
+    write_tum(tmp_path / "truth.tum", truth)
+    write_tum(tmp_path / "trajectory.tum", estimate)
+    said = subprocess.run(
+        ["evo_ape", "tum", "truth.tum", "trajectory.tum", "--align"],
+        cwd=tmp_path,
+        env={**os.environ, "HOME": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    found = re.search(r"rmse\s+([\d.]+)", said)
+    assert found is not None
+    m = trajectory_metrics(estimate, truth)
+    assert m is not None
+    assert float(found[1]) == pytest.approx(m.ate_se2.rmse_m, abs=6e-7)

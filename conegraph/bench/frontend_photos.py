@@ -15,6 +15,7 @@ from conegraph.errors import FileFormatError
 from conegraph.frontend.base import Picture
 from conegraph.frontend.hsv import HsvDetector, colours_of_boxes
 from conegraph.io.picture_file import PICTURE_SUFFIXES, read_color
+from conegraph.io.yolo_labels import read_yolo_labels
 from conegraph.types import Array, ConeClass, IntArray
 
 CLASSES = (ConeClass.BLUE, ConeClass.YELLOW, ConeClass.ORANGE)
@@ -43,24 +44,9 @@ def read_photos(folder: Path) -> Iterator[Photo]:
         raise FileFormatError(folder, "holds no picture with a label file beside it")
     for path in paths:
         picture = read_color(path)
-        box, cone_class = _labels(path.with_suffix(".txt"), picture.shape)
-        yield Photo(picture, box, cone_class)
-
-
-def _labels(path: Path, shape: tuple[int, ...]) -> tuple[Array, IntArray]:
-    boxes, classes = [], []
-    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
-        try:
-            kind, *place = line.split()
-            u, v, width, height = (float(word) for word in place)
-            classes.append(int(CLASSES[int(kind)]))
-        except (ValueError, IndexError):
-            reason = f"{line[:60]!r} is no class, centre and size"
-            raise FileFormatError(path, reason, line=number) from None
-        boxes.append([u - width / 2, v - height / 2, u + width / 2, v + height / 2])
-    size = np.array([shape[1], shape[0], shape[1], shape[0]])
-    box_px = np.array(boxes).reshape(-1, 4) * size - 0.5
-    return box_px, np.array(classes, dtype=np.int64)
+        label = path.with_suffix(".txt")
+        box, cone_class = read_yolo_labels(label, CLASSES, picture.shape)
+        yield Photo(picture, box - 0.5, cone_class)
 
 
 def photo_figures(folder: Path, config: HsvConfig) -> list[Figure]:
@@ -70,7 +56,7 @@ def photo_figures(folder: Path, config: HsvConfig) -> list[Figure]:
     for photo in read_photos(folder):
         tall = photo.box_px[:, 3] - photo.box_px[:, 1] >= MIN_HEIGHT_PX
         prob = colours_of_boxes(photo.picture, photo.box_px[tall], config)
-        right.append(_without_size(prob) == photo.cone_class[tall])
+        right.append(plain_class(prob) == photo.cone_class[tall])
         found = detector.find(photo.picture)
         hits += len(match_boxes(found.box_px, photo.box_px))
         labelled += len(photo.box_px)
@@ -91,7 +77,7 @@ def photo_figures(folder: Path, config: HsvConfig) -> list[Figure]:
     ]
 
 
-def _without_size(prob: Array) -> IntArray:
+def plain_class(prob: Array) -> IntArray:
     """Return the most probable classes (N,), big orange taken for orange."""
     best: IntArray = prob.argmax(axis=1).astype(np.int64)
     return np.where(best == ConeClass.BIG_ORANGE, int(ConeClass.ORANGE), best)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from conegraph.eval.association_metrics import majority
 from conegraph.types import Array, FrameRecord, IntArray, MatchStatus, Trajectory
 
 _USED = (MatchStatus.MATCHED, MatchStatus.TENTATIVE)
@@ -83,13 +84,8 @@ class RunLog:
         """
         if not self.closed:
             return 0
-        landmark, cone = map(np.concatenate, (self.landmark, self.true_id))
-        pairs, count = np.unique(
-            np.column_stack([landmark, cone]), axis=0, return_counts=True
-        )
-        order = np.lexsort((-count, pairs[:, 0]))
-        own, first = np.unique(pairs[order, 0], return_index=True)
-        shown = pairs[order, 1][first]
+        landmark, cone = np.concatenate(self.landmark), np.concatenate(self.true_id)
+        own, shown = majority(landmark, cone)
 
         def is_false(k: int) -> bool:
             right = shown[np.searchsorted(own, self.landmark[k])] == self.true_id[k]

@@ -18,10 +18,12 @@ from conegraph.cli.calibrate import calibrate
 from conegraph.cli.compare import compare
 from conegraph.cli.demo import demo
 from conegraph.cli.detect import detect
+from conegraph.cli.doctor import doctor
 from conegraph.cli.record import record
 from conegraph.cli.run import run
 from conegraph.cli.simulate import simulate
 from conegraph.cli.track import track
+from conegraph.cli.train_detector import train_detector
 from conegraph.cli.tune import tune
 from conegraph.cli.view import view
 from conegraph.errors import ConegraphError
@@ -42,7 +44,9 @@ app.command("calibrate")(calibrate)
 app.command("record")(record)
 app.command("simulate")(simulate)
 app.command("track")(track)
+app.command("train-detector")(train_detector)
 app.command("tune")(tune)
+app.command("doctor")(doctor)
 app.command("view")(view)
 app.add_typer(bench.app, name="bench")
 app.add_typer(config.app, name="config")

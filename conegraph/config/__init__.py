@@ -7,6 +7,7 @@ from conegraph.config.detector import (
     HsvConfig,
     HsvThesisConfig,
     LocalizationConfig,
+    YoloConfig,
 )
 from conegraph.config.loading import (
     config_to_toml,
@@ -55,6 +56,7 @@ __all__ = [
     "StatusConfig",
     "TrackConfig",
     "ViewerConfig",
+    "YoloConfig",
     "config_to_toml",
     "given_to_toml",
     "load_config",

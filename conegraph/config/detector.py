@@ -15,6 +15,8 @@ Hue = Annotated[int, Field(ge=0, le=180)]
 HueRange = Annotated[tuple[Hue, Hue], Field(strict=False)]
 Hsv = Annotated[tuple[Hue, Byte, Byte], Field(strict=False)]
 ConeLabel = Literal["blue", "yellow", "orange", "big_orange", "unknown"]
+EngineName = Literal["auto", "onnxruntime", "opencv"]
+Side = Annotated[int, Field(ge=0, le=4096)]
 
 
 class HsvConfig(Section):
@@ -102,6 +104,38 @@ class HsvThesisConfig(Section):
     """And smaller than this."""
 
 
+class YoloConfig(Section):
+    """The learned detector: our network, or one of your own in YOLO's layout."""
+
+    kind: Literal["yolo"] = "yolo"
+    """Which detector this section configures."""
+    profile: Literal["default"] = "default"
+    """There is only one."""
+    model: str = ""
+    """An ONNX file with the output of YOLO v5, v7, v8, v9 or v11; ours if empty."""
+    classes: Annotated[tuple[ConeLabel, ...], Field(min_length=1, strict=False)] = (
+        "blue",
+        "yellow",
+        "orange",
+        "big_orange",
+    )
+    """What the model's classes are, in its order."""
+    engine: EngineName = "auto"
+    """What runs it; `auto` is onnxruntime where it is installed, else OpenCV."""
+    input_px: Annotated[tuple[Side, Side], Field(strict=False)] = (0, 0)
+    """Width and height of its input, for models that take only one; else zeros."""
+    max_side_px: Annotated[int, Field(ge=1, le=4096)] = 1280
+    """Larger pictures are made smaller first."""
+    min_score: Annotated[float, Field(gt=0, lt=1)] = 0.3
+    """Boxes with a lower score are no cones."""
+    overlap: Annotated[float, Field(gt=0, lt=1)] = 0.5
+    """Of boxes that overlap by more (intersection over union) one stays."""
+    min_range_m: NonNegative = 0.5
+    """Nearer cones are not reported."""
+    max_range_m: Positive = 20.0
+    """Farther cones are not reported."""
+
+
 def _tag(given: Any) -> str:
     read = given.get if isinstance(given, Mapping) else partial(getattr, given)
     kind, profile = read("kind", "hsv"), read("profile", "default")
@@ -109,12 +143,15 @@ def _tag(given: Any) -> str:
 
 
 DetectorConfig = Annotated[
-    Annotated[HsvConfig, Tag("hsv")] | Annotated[HsvThesisConfig, Tag("hsv/thesis")],
+    Annotated[HsvConfig, Tag("hsv")]
+    | Annotated[HsvThesisConfig, Tag("hsv/thesis")]
+    | Annotated[YoloConfig, Tag("yolo")],
     Discriminator(_tag),
 ]
 DETECTORS: dict[str, type[Section]] = {
     "hsv": HsvConfig,
     "hsv/thesis": HsvThesisConfig,
+    "yolo": YoloConfig,
 }
 """Every detector's section by its kind, and its profile unless that is the default."""
 

@@ -34,6 +34,16 @@ class AssociationRows:
     def __len__(self) -> int:
         return len(self.stamp_s)
 
+    def first(self, n: int) -> AssociationRows:
+        """Return the first n rows."""
+        return AssociationRows(
+            self.stamp_s[:n],
+            self.observation[:n],
+            self.status[:n],
+            self.landmark_id[:n],
+            self.d2[:n],
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class StatusRows:
@@ -143,6 +153,16 @@ class ObservationRows:
 
     def __len__(self) -> int:
         return len(self.stamp_s)
+
+    def first(self, n: int) -> ObservationRows:
+        """Return the first n rows."""
+        return ObservationRows(
+            self.stamp_s[:n],
+            self.observation[:n],
+            self.xy_m[:n],
+            self.cov_m2[:n],
+            self.cone_class[:n],
+        )
 
     @classmethod
     def empty(cls) -> Self:

@@ -17,6 +17,10 @@ _CLEAR_M = 3.6
 """Nothing stands nearer to a cone, so that the lane stays free."""
 
 
+Made = tuple[Bytes, float, float]
+"""A picture (h, w, 4), and the width and height in m of what it shows."""
+
+
 @dataclass(frozen=True, slots=True)
 class Panel:
     """An upright picture in the world.
@@ -72,6 +76,18 @@ def place_clutter(
     return tuple(panels)
 
 
+def make_thing(rng: np.random.Generator) -> Made:
+    """Return a picture (h, w, 4) of anything that is no cone, its width and height.
+
+    It is in plain light, in colours not yet multiplied by coverage.
+    """
+    weights = np.array([weight for weight, *_ in _KINDS.values()])
+    kind = int(rng.choice(len(_KINDS), p=weights / weights.sum()))
+    sprite, width, height = list(_KINDS.values())[kind][1](rng)
+    sprite[..., :3] = to_bytes(_roughened(sprite[..., :3].astype(np.float32), rng))
+    return sprite, width, height
+
+
 def _levels(color: Bytes, cover: Bytes) -> tuple[Bytes, ...]:
     """Return a sprite in ever smaller sizes, its colours times its coverage."""
     share = cover[..., None].astype(np.float32) / 255
@@ -124,9 +140,6 @@ def _round(
     centre = (int(at[0] * width), int((1 - at[1]) * height))
     axes = (max(int(size[0] * width), 1), max(int(size[1] * height), 1))
     cv2.ellipse(sprite, centre, axes, 0, 0, 360, _ink(color), -1)
-
-
-Made = tuple[Bytes, float, float]
 
 
 def _person(rng: np.random.Generator) -> Made:

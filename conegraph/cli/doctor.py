@@ -1,0 +1,79 @@
+"""``conegraph doctor``: why a run went wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from conegraph.cli.options import JsonOption
+
+if TYPE_CHECKING:
+    from conegraph.eval.doctor import Diagnosis
+    from conegraph.eval.judge import Truth
+
+
+def doctor(
+    run: Annotated[
+        Path,
+        typer.Argument(metavar="RUN", help="The folder that a run wrote.", exists=True),
+    ],
+    truth: Annotated[
+        bool,
+        typer.Option(
+            help="Open the run's source again for its truth, where it has one: it "
+            "tells wheels with a wrong radius from a sensor with wrong ranges."
+        ),
+    ] = True,
+    json_: JsonOption = False,
+) -> None:
+    """Say what is wrong with a run, the likeliest cause first, and when to look."""
+    import json
+
+    from conegraph.eval.doctor import diagnose
+    from conegraph.io.run_folder import read_run
+
+    written = read_run(run)
+    diagnosis = diagnose(written, _truth_of(run) if truth else None)
+    if json_:
+        plain = {"cause": diagnosis.cause, **diagnosis.to_dict()}
+        typer.echo(json.dumps(plain, indent=2))
+        return
+    _show(diagnosis)
+
+
+def _truth_of(run: Path) -> Truth:
+    """Return the truth of the source that a run names, nothing where it is gone."""
+    from conegraph.config import load_config
+    from conegraph.errors import ConegraphError
+    from conegraph.eval.judge import Truth
+    from conegraph.io.run_writer import CONFIG
+    from conegraph.sources import open_source
+
+    try:
+        config = load_config(run / CONFIG)
+        source = open_source(config.source, seed=config.seed)
+    except (ConegraphError, OSError) as error:
+        typer.echo(f"Without truth: {error}", err=True)
+        return Truth()
+    return Truth(source.truth_trajectory, source.truth_map)
+
+
+def _show(diagnosis: Diagnosis) -> None:
+    """Print the diagnosis, then what else was found."""
+    from rich.text import Text
+
+    from conegraph.cli.tables import console
+
+    out = console()
+    for number, found in enumerate(diagnosis.findings, 1):
+        when = f", look at {found.at_s:.1f} s" if found.at_s == found.at_s else ""
+        out.print(Text(f"{number}. {found.title} ({found.cause}{when})"))
+        healthy = f"healthy is up to {found.limit:.3g}, this is {found.measured:.3g}"
+        out.print(Text(f"   evidence: {found.evidence}; {healthy}"))
+        out.print(Text(f"   to do: {found.advice}"))
+    if not diagnosis.findings:
+        out.print(Text("healthy: nothing that is looked for is wrong"))
+    for note in diagnosis.notes:
+        out.print(Text(f"Note: {note}"))

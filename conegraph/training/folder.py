@@ -1,0 +1,52 @@
+"""The user's own labelled pictures, as YOLO's tools keep them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from conegraph.errors import FileFormatError
+from conegraph.io.picture_file import PICTURE_SUFFIXES, read_color
+from conegraph.io.yolo_labels import read_yolo_labels
+from conegraph.training.collage import CLASSES
+from conegraph.training.sample import Sample
+
+NAMES = "classes.txt"
+
+
+def read_folder(folder: Path) -> list[Sample]:
+    """Return the pictures of a folder that have a label file of their name.
+
+    A label is a line ``class x y width height``, of the box's middle and in shares of
+    the picture. Where the folder holds a ``classes.txt``, its lines name the classes;
+    without it they are blue, yellow, orange, big_orange. Pictures lie in the folder
+    or in ``images``, labels beside them or in ``labels``.
+
+    Raises:
+        FileFormatError: there are none, or one cannot be read.
+    """
+    number = _numbers(folder)
+    pictures, labels = folder / "images", folder / "labels"
+    places = (pictures if pictures.is_dir() else folder).iterdir()
+    found = []
+    for path in sorted(p for p in places if p.suffix.lower() in PICTURE_SUFFIXES):
+        beside = (labels if labels.is_dir() else path.parent) / f"{path.stem}.txt"
+        if beside.is_file():
+            picture = read_color(path)
+            box, kind = read_yolo_labels(beside, number, picture.shape)
+            found.append(Sample(picture, box, kind))
+    if not found:
+        raise FileFormatError(folder, "holds no picture with a label file of its name")
+    return found
+
+
+def _numbers(folder: Path) -> list[int]:
+    """Return for each class of the folder its number among `CLASSES`."""
+    names = [c.label for c in CLASSES]
+    path = folder / NAMES
+    if not path.is_file():
+        return list(range(len(names)))
+    given = path.read_text(encoding="utf-8").split()
+    wrong = [name for name in given if name not in names]
+    if wrong:
+        raise FileFormatError(path, f"{wrong[0]!r} is none of {', '.join(names)}")
+    return [names.index(name) for name in given]

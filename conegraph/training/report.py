@@ -1,0 +1,65 @@
+"""How well a detector finds the cones of labelled pictures, per class and size."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from conegraph.config import YoloConfig
+from conegraph.frontend.base import Picture
+from conegraph.frontend.yolo import YoloDetector
+from conegraph.training.average_precision import Boxes, average_precision
+from conegraph.training.collage import CLASSES
+from conegraph.training.sample import Sample
+
+SIZES_PX = ((8.0, 16.0), (16.0, 32.0), (32.0, np.inf))
+LEAST_PX = 8.0
+LEAST_SCORE = 0.02
+"""Weaker boxes no longer change an average precision."""
+
+
+@dataclass(frozen=True, slots=True)
+class Precisions:
+    """AP50 of every class of `CLASSES`, of all sizes and of each of `SIZES_PX`."""
+
+    by_class: tuple[float, ...]
+    by_size: tuple[tuple[float, ...], ...]
+
+    @property
+    def mean(self) -> float:
+        """MAP50: the mean over the classes that are there."""
+        return float(np.nanmean(self.by_class))
+
+
+def precisions(
+    model: str, samples: Iterable[Sample], done: Callable[[int], None]
+) -> Precisions:
+    """Run a network over labelled pictures and return how well it finds their cones.
+
+    Args:
+        model: its file; empty for ours.
+        samples: the pictures.
+        done: is told how many were looked at.
+    """
+    detector = YoloDetector(YoloConfig(model=model, min_score=LEAST_SCORE))
+    found, real = [], []
+    for count, sample in enumerate(samples, 1):
+        found.append(_found(detector, sample.picture))
+        real.append(Boxes(sample.box_px, sample.kind, np.ones(len(sample.kind))))
+        done(count)
+    kinds = range(len(CLASSES))
+    return Precisions(
+        tuple(average_precision(found, real, k, (LEAST_PX, np.inf)) for k in kinds),
+        tuple(
+            tuple(average_precision(found, real, k, size) for k in kinds)
+            for size in SIZES_PX
+        ),
+    )
+
+
+def _found(detector: YoloDetector, picture: Picture) -> Boxes:
+    seen = detector.find(picture)
+    kind = seen.class_prob[:, [int(c) for c in CLASSES]].argmax(axis=1)
+    return Boxes(seen.box_px + 0.5, kind.astype(np.int64), seen.score)

@@ -1,0 +1,120 @@
+"""The learned detector: a network in YOLO's layout, ours or the user's own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from conegraph.config import YoloConfig
+from conegraph.errors import FileFormatError
+from conegraph.frontend.base import Candidates, Picture
+from conegraph.frontend.scale import GroundScale
+from conegraph.frontend.yolo_engine import SHIPPED, open_engine
+from conegraph.frontend.yolo_layout import decoded, letterboxed, strongest
+from conegraph.types import CLASS_LABELS, N_CLASSES, Array, ConeClass, IntArray, Mask
+
+LEVELS = np.linspace(0.25, 1.0, 24)
+"""How far down a box pixels are taken for the cone's; the top may be the sky."""
+ACROSS = np.linspace(-1.0, 1.0, 17)
+HALF_TOP, HALF_FOOT = 0.04, 0.34
+"""Half widths of a cone's body at top and foot, in widths of its box."""
+AXIS_LEVEL = 0.45
+
+
+class YoloDetector:
+    """Finds cones by a network."""
+
+    def __init__(self, config: YoloConfig) -> None:
+        """Open the network.
+
+        Raises:
+            FileFormatError: it cannot be opened.
+            MissingDependencyError: its engine is not installed.
+        """
+        self._config = config
+        self._path = Path(config.model) if config.model else SHIPPED
+        self._engine = open_engine(self._path, config.engine)
+        self._class = np.array([CLASS_LABELS.index(name) for name in config.classes])
+
+    def find(self, picture: Picture, scale: GroundScale | None = None) -> Candidates:
+        """Find cones in an RGB picture (H, W, 3), with its ``scale`` where known.
+
+        With it, rows in which no cone can stand are cut away first.
+
+        Raises:
+            FileFormatError: the network has another layout, or takes another size.
+        """
+        config = self._config
+        top = 0 if scale is None else scale.first_row(config.max_range_m)
+        fitted = letterboxed(picture[top:], config.max_side_px, config.input_px)
+        try:
+            box, score = decoded(self._engine.run(fitted.blob), len(self._class))
+        except ValueError as error:
+            raise FileFormatError(self._path, str(error)) from None
+        rows = strongest(box, score.max(axis=1), config.min_score, config.overlap)
+        # Networks count from the corner of the picture, we from a pixel's middle.
+        box_px = box[rows] * np.tile(fitted.scale, 2) + np.array([0, top, 0, top]) - 0.5
+        edges = np.array([picture.shape[1], picture.shape[0]] * 2) - 0.5
+        box_px = np.clip(box_px, -0.5, edges)
+        whole = (box_px[:, 2:] - box_px[:, :2] >= 1.0).all(axis=1)
+        return self._candidates(picture, box_px[whole], score[rows][whole])
+
+    def _candidates(self, picture: Picture, box_px: Array, score: Array) -> Candidates:
+        uv, owner = body_pixels(box_px, picture.shape)
+        middle = 0.5 * (box_px[:, 0] + box_px[:, 2])
+        level = box_px[:, 1] + AXIS_LEVEL * (box_px[:, 3] - box_px[:, 1])
+        return Candidates(
+            box_px,
+            self._class_prob(score),
+            score.max(axis=1, initial=0.0),
+            uv,
+            owner,
+            np.column_stack([middle, level]),
+            touching(box_px),
+        )
+
+    def _class_prob(self, score: Array) -> Array:
+        """Return probabilities (N, 5): the less sure, the more of them is unknown.
+
+        A score says both that there is a cone and that it is of its class; of the
+        class alone it says its square root.
+        """
+        best = score.max(axis=1, initial=0.0)
+        total = np.maximum(score.sum(axis=1), 1e-9)
+        share = score * (np.sqrt(best) / total)[:, None]
+        prob = np.zeros((len(score), N_CLASSES))
+        np.add.at(prob.T, self._class, share.T)
+        prob[:, ConeClass.UNKNOWN] += 1.0 - prob.sum(axis=1)
+        return prob
+
+
+def body_pixels(box_px: Array, shape: tuple[int, ...]) -> tuple[IntArray, IntArray]:
+    """Return pixels (M, 2) on the cones that boxes (N, 4) hold, and their owners (M,).
+
+    They lie between the sides of an upright cone, sorted by owner, each once.
+    """
+    size = box_px[:, 2:] - box_px[:, :2]
+    half = HALF_TOP + (HALF_FOOT - HALF_TOP) * LEVELS
+    u = (0.5 + half[:, None] * ACROSS) * size[:, 0, None, None] + box_px[
+        :, 0, None, None
+    ]
+    low = np.ceil(box_px[:, 3] - 0.5)
+    v = box_px[:, 1, None] + LEVELS * (low - box_px[:, 1])[:, None]
+    rows, columns = shape[:2]
+    column = np.clip(np.round(u), 0, columns - 1).astype(np.int64)
+    row = np.clip(np.round(v), 0, rows - 1).astype(np.int64)
+    owner = np.arange(len(box_px))[:, None, None]
+    index = (owner * rows + row[:, :, None]) * columns + column
+    flat = np.unique(index)
+    place, at = np.divmod(flat, columns)
+    return np.column_stack([at, place % rows]), place // rows
+
+
+def touching(box_px: Array) -> Mask:
+    """Say which boxes (N, 4) reach into another."""
+    low = np.maximum(box_px[:, None, :2], box_px[None, :, :2])
+    high = np.minimum(box_px[:, None, 2:], box_px[None, :, 2:])
+    meet = np.asarray((high > low).all(axis=2))
+    np.fill_diagonal(meet, False)
+    return np.asarray(meet.any(axis=1))
