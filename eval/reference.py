@@ -146,6 +146,28 @@ def cramer_rao(recording: Recording, motion: MotionConfig | None = None) -> Cram
     )
 
 
+def causal_bound(
+    recording: Recording, count: int, motion: MotionConfig | None = None
+) -> tuple[Array, Array]:
+    """Return the Cramér-Rao bound on the position of a car that cannot look ahead.
+
+    At each of some frames, evenly spread, the bound of `cramer_rao` for that frame's
+    position in the start frame given the frames up to it and no later ones:
+    ``sqrt(tr C_xy)``. No unbiased estimator that drives by its own estimate does
+    better.
+
+    Returns:
+        Stamps (count,) and bounds (count,) in m.
+
+    Raises:
+        ValueError: the recording lacks truth or sensor.
+    """
+    graph = ReferenceGraph(recording, motion or MotionConfig())
+    ends = np.linspace(0, len(graph.stamp_s) - 1, count + 1)[1:].astype(np.int64)
+    bounds = [np.sqrt(np.trace(graph.causal_cov(k)[:2, :2])) for k in ends.tolist()]
+    return graph.stamp_s[ends], np.array(bounds)
+
+
 def without_rigid_motion(cov_m2: Array, xy_m: Array) -> Array:
     """Return ``P C P``: the covariance of what a best rigid fit leaves.
 

@@ -170,6 +170,20 @@ class ReferenceGraph:
         ]
         return ids, cov, np.array(position)
 
+    def causal_cov(self, k: int) -> Array:
+        """Return the covariance (3, 3) of frame k's pose given all up to that frame.
+
+        Linearised at the truth.
+        """
+        values = self._true_values(k + 1)
+        marginals = gtsam.Marginals(self._graph(k + 1, values), values)
+        return np.asarray(marginals.marginalCovariance(X(k)))
+
+    @property
+    def stamp_s(self) -> Array:
+        """(F,) stamps of the frames."""
+        return self._path.stamp_s
+
     def _all_moves(
         self, queue: OdometryQueue | None
     ) -> Iterator[_Step | list[gtsam.NonlinearFactor]]:

@@ -14,10 +14,12 @@ from conegraph.config import MotionConfig
 from conegraph.eval.align import align_se2
 from conegraph.eval.reference import (
     batch_optimum,
+    causal_bound,
     cramer_rao,
     prefix_optima,
     without_rigid_motion,
 )
+from conegraph.eval.reference_graph import ReferenceGraph
 from conegraph.geometry import compose, constant_twist, to_child, to_parent
 from conegraph.types import (
     Array,
@@ -172,6 +174,41 @@ def test_a_prefix_knows_nothing_of_what_comes_later() -> None:
     np.testing.assert_allclose(prefix.path.pose, alone.path.pose, atol=1e-9)
     assert prefix.path.stamp_s[-1] == pytest.approx(2.0)
     assert len(whole.path) == 40
+
+
+def test_without_cones_the_causal_bound_is_the_wheels_own() -> None:
+    """Straight on without slip or bias: ``s_u^2 D t`` ahead, a turn's share aside."""
+    recording = drive(1, frames=21)
+    driven = recording.truth_trajectory
+    assert driven is not None
+    blind = replace(
+        recording,
+        stream=tuple(
+            e.subset(np.zeros(0, dtype=np.int64))
+            if isinstance(e, ConeObservations)
+            else replace(e, r_radps=0.0)
+            for e in recording.stream
+        ),
+        truth_trajectory=Trajectory(
+            driven.stamp_s, np.outer(driven.stamp_s, [SPEED, 0.0, 0.0])
+        ),
+    )
+    motion = MOTION.model_copy(update={"gyro_bias_sigma_radps": 0.0})
+    stamp_s, bound_m = causal_bound(blind, 2, motion)
+    np.testing.assert_allclose(stamp_s, [1.0, 2.0])
+    white = np.diag(ODOMETRY) * 0.01
+    ahead = white[0] * stamp_s
+    aside = white[1] * SPEED**2 * stamp_s**3 / 3.0
+    start = ORIGIN_SIGMAS[0] ** 2 * 2 + (ORIGIN_SIGMAS[2] * SPEED * stamp_s) ** 2
+    np.testing.assert_allclose(bound_m**2, ahead + aside + start, rtol=0.02)
+
+
+def test_what_comes_later_lowers_the_bound_of_all_but_the_last_pose() -> None:
+    recording = drive(2)
+    _, causal_m = causal_bound(recording, 39, MOTION)
+    _, _, smoothed_m2 = ReferenceGraph(recording, MOTION).covariances()
+    assert (causal_m[:-1] ** 2 > smoothed_m2[1:-1]).all()
+    assert causal_m[-1] ** 2 == pytest.approx(smoothed_m2[-1], rel=1e-6)
 
 
 def test_errors_over_chosen_cones_and_from_any_world() -> None:

@@ -6,8 +6,16 @@ import time
 
 from conegraph.bench.lap_truth import true_lap_ends
 from conegraph.bench.rows import Job, ReferenceMap, ReferenceRow
-from conegraph.eval.reference import ReferenceSolution, cramer_rao, prefix_optima
+from conegraph.eval.reference import (
+    ReferenceSolution,
+    causal_bound,
+    cramer_rao,
+    prefix_optima,
+)
 from conegraph.types import Recording
+
+CAUSAL_FRAMES = 12
+"""Frames at which the bound on a causal pose is computed: each takes a solution."""
 
 
 def refer(job: Job, recording: Recording) -> ReferenceRow:
@@ -20,6 +28,7 @@ def refer(job: Job, recording: Recording) -> ReferenceRow:
     ends = true_lap_ends(recording)
     *laps, final = prefix_optima(recording, (*ends, float("inf")))
     bound = cramer_rao(recording)
+    causal_s, causal_m = causal_bound(recording, CAUSAL_FRAMES)
     last_s = float(final.path.stamp_s[-1])
     return ReferenceRow(
         key=job.key,
@@ -30,6 +39,8 @@ def refer(job: Job, recording: Recording) -> ReferenceRow:
         map_bound_sigma=bound.aligned_mse_sigma_m2 / bound.map_rmse_aligned_m**2,
         pose_rmse_m=final.pose_rmse_m(),
         pose_bound_m=bound.pose_rmse_m,
+        causal_s=tuple(causal_s.tolist()),
+        causal_bound_m=tuple(causal_m.tolist()),
         wall_s=time.perf_counter() - began,
     )
 

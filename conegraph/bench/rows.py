@@ -63,6 +63,9 @@ class ReferenceRow(Row):
             drive.
         pose_rmse_m: RMSE of the path in the start frame.
         pose_bound_m: the Cramér-Rao bound on it.
+        causal_s: stamps of some frames.
+        causal_bound_m: the Cramér-Rao bound on the position at each, without the
+            frames after it.
         wall_s: how long it took.
         reason: why there is none, empty if there is.
     """
@@ -75,6 +78,8 @@ class ReferenceRow(Row):
     map_bound_sigma: Number = np.nan
     pose_rmse_m: Number = np.nan
     pose_bound_m: Number = np.nan
+    causal_s: tuple[float, ...] = ()
+    causal_bound_m: tuple[float, ...] = ()
     wall_s: Number = np.nan
     reason: str = ""
 
@@ -131,6 +136,8 @@ class RunRow(Row):
         laps_counted: laps that the back end counted.
         laps_true: laps that were driven.
         pose_nees: mean NEES per degree of freedom of the causal pose, start frame.
+        sigma_over_bound: rms sigma of the causal position over the rms of its
+            Cramér-Rao bound, at the frames where that is known.
         map_nees: that of the final map, start frame.
         map_nees_aligned: that of the final map after the best rigid fit.
         nis: mean NIS per degree of freedom.
@@ -158,6 +165,7 @@ class RunRow(Row):
     laps_counted: int = 0
     laps_true: int = 0
     pose_nees: Number = np.nan
+    sigma_over_bound: Number = np.nan
     map_nees: Number = np.nan
     map_nees_aligned: Number = np.nan
     nis: Number = np.nan

@@ -59,6 +59,7 @@ def measure(job: Job, recording: Recording, reference: ReferenceRow) -> RunRow:
     figures = {
         **_map_figures(final),
         **_path_figures(log, truth, ends),
+        "sigma_over_bound": _sigma_over_bound(log, reference),
         **_closure_figures(log, ends),
     }
     return RunRow(
@@ -148,6 +149,18 @@ def _path_figures(
         "pose_nees": pose_consistency(pairs.estimate, cov, pairs.truth).nees_per_dof,
         "nis": float(np.array(log.nis)[some].sum() / max(dof.sum(), 1)),
     }
+
+
+def _sigma_over_bound(log: RunLog, reference: ReferenceRow) -> float:
+    """Compare what the back end claims to know with what can be known."""
+    _, at, known = np.intersect1d(log.stamp_s, reference.causal_s, return_indices=True)
+    if not len(at):
+        return float("nan")
+    cov = np.array(log.cov)[at]
+    bound = np.array(reference.causal_bound_m)[known]
+    return float(np.sqrt(np.trace(cov[:, :2, :2], axis1=1, axis2=2).sum())) / float(
+        np.sqrt(np.sum(bound**2))
+    )
 
 
 def _closure_figures(log: RunLog, ends: Sequence[float]) -> dict[str, float | int]:
