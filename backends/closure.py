@@ -10,9 +10,17 @@ import numpy as np
 from conegraph.backends.laps import Gate
 from conegraph.backends.local_map import LocalMap
 from conegraph.backends.pairing import ROLE_INDEX, FramePairer, Pairs
-from conegraph.backends.start_line import GateMatch, match_gate, sides
+from conegraph.backends.relocalize import Relocaliser
+from conegraph.backends.start_line import GateMatch, match_gate, sides, verify_closure
 from conegraph.config import StartLineConfig
-from conegraph.types import Array, ConeObservations, IntArray, LoopClosure
+from conegraph.types import (
+    Array,
+    ConeMap,
+    ConeObservations,
+    IntArray,
+    LoopClosure,
+    SensorModel,
+)
 
 REVISITED = 3
 """Cones of an earlier visit to the gate that must match again to close a loop."""
@@ -25,7 +33,7 @@ REVISIT_WINDOW_M = 15.0
 """Distance over which these are counted: they come into view one by one."""
 
 RETRY_M = 2.0
-"""Distance between refused closures that are reported."""
+"""Distance after a refused closure before the next is tried."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,13 +67,17 @@ class ClosureWatch:
     - two of them lie as far apart as two of the map's,
     - no other pose on the whole map explains as many of the frame's cones,
     - at least `min_agreement` of all cones then lie on the map,
-    - and the innovation is possible under the filter's own covariance.
+    - the innovation is possible under the filter's own covariance,
+    - and a search for the car on what was mapped a while ago finds this very pose.
     """
 
-    def __init__(self, config: StartLineConfig, pairer: FramePairer) -> None:
+    def __init__(
+        self, config: StartLineConfig, pairer: FramePairer, sensor: SensorModel
+    ) -> None:
         """Start with no closure seen."""
         self._config = config
         self._pairer = pairer
+        self._sensor = sensor
         self._closed_m = 0.0
         self._refused_m = -np.inf
         self._revisits: deque[float] = deque()
@@ -133,6 +145,8 @@ class ClosureWatch:
         start: IntArray,
         driven_m: float,
     ) -> ClosureResult:
+        if driven_m - self._refused_m < RETRY_M:
+            return ClosureResult()
         map_.sync()
         book = map_.book
         known = np.flatnonzero(book.published)
@@ -147,7 +161,8 @@ class ClosureWatch:
             held[map_.row] = np.arange(len(map_.row))
             slot = held[known[found.slot]]
             found = GateMatch(found.row, slot, found.pose, found.agreement)
-            reason = self._doubt(map_, frame, found)
+            before = map_.publish().subset(away)
+            reason = self._doubt(map_, frame, found, before)
             if not reason:
                 reason = (
                     f"{len(found.row)} start cones, "
@@ -156,8 +171,6 @@ class ClosureWatch:
                 event = self._close(frame.stamp_s, driven_m, reason)
                 return ClosureResult((event,), found)
             found = reason
-        if driven_m - self._refused_m < RETRY_M:
-            return ClosureResult()
         self._refused_m = driven_m
         gone_m = driven_m - self._closed_m
         return ClosureResult((LoopClosure(frame.stamp_s, gone_m, False, found),))
@@ -167,8 +180,21 @@ class ClosureWatch:
         self._revisits.clear()
         return LoopClosure(stamp_s, gone_m, True, reason)
 
-    def _doubt(self, map_: LocalMap, frame: ConeObservations, match: GateMatch) -> str:
-        """Return why a match is not trusted, empty if it is."""
+    def _doubt(
+        self,
+        map_: LocalMap,
+        frame: ConeObservations,
+        match: GateMatch,
+        before: ConeMap,
+    ) -> str:
+        """Return why a match is not trusted, empty if it is.
+
+        Args:
+            map_: cones and car.
+            frame: the observations.
+            match: what the start cones say.
+            before: the map without what was seen since the start was left.
+        """
         if match.agreement < self._config.min_agreement:
             return f"only {100 * match.agreement:.0f} % of the frame agrees"
         if (match.slot < 0).any():
@@ -178,6 +204,10 @@ class ClosureWatch:
         )
         if not seen.nis <= self._config.closure_d2 * len(match.row):
             return f"innovation d2 {seen.nis:.0f} is impossible for this drift"
+        relocaliser = Relocaliser(before, self._sensor)
+        lead = verify_closure(relocaliser, frame, match.pose)
+        if not lead > relocaliser.config.margin:
+            return "a search over the whole map does not find this place"
         return ""
 
 

@@ -161,18 +161,19 @@ class Recovery:
             self._follow()
 
     def _begin(self, mode: _Mode, known: ConeMap, why: str) -> None:
-        limits = RelocaliserConfig(
-            accept_probability=self._config.accept_probability,
-            min_inliers=self._config.min_inliers,
-        )
-        self._relocaliser = Relocaliser(known, self._sensor, limits)
+        if self._relocaliser is None or self._relocaliser.cone_map is not known:
+            limits = RelocaliserConfig(
+                accept_probability=self._config.accept_probability,
+                min_inliers=self._config.min_inliers,
+            )
+            self._relocaliser = Relocaliser(known, self._sensor, limits)
         self._window = self._make_window()
         self._mode, self._why = mode, why
         self._searched_s, self._driven_m, self._earlier = -np.inf, 0.0, None
 
     def _follow(self) -> None:
         self._mode, self._why = _Mode.FOLLOWING, ""
-        self._window, self._relocaliser = None, None
+        self._window = None
         self._monitor.reset()
 
     def _locate(

@@ -4,11 +4,17 @@ Constellations of cones are recognised by geometry and colour: poses that lay tw
 seen cones on two of the map are scored, refined and weighed against each other and
 against "none of them". The answer may be "I do not know", and where a track looks
 the same in two places it is.
+
+Tracks are built by the same rules: a straight, a start gate, an even bend fit many of
+them. How well a place fits by such likeness alone is measured on a decoy, as in
+target-decoy searches of spectra (Elias and Gygi, 2007): the map's mirror image is a
+course of the same kind, and the car is not on it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -24,6 +30,7 @@ from conegraph.backends.sightings import Sightings
 from conegraph.geometry import between
 from conegraph.types import (
     Array,
+    ConeClass,
     ConeMap,
     ConeObservations,
     IntArray,
@@ -44,6 +51,9 @@ GRID_M, GRID_RAD = 0.6, 0.1
 """Cells of which only the best candidate is refined."""
 
 MOST_HYPOTHESES = 10
+
+ALIKE = 0.5
+"""A map of which a larger share lies on its own mirror image is symmetric."""
 
 SHORT_SIGHTED_M = 20.0
 """A sensor that sees no farther than this makes shorter pairs."""
@@ -68,8 +78,12 @@ class RelocaliserConfig:
     min_inliers: int = 6
     temperature: float = 0.45
     nothing: float = 8.0
-    nothing_per_sighting: float = 1.5
+    nothing_per_sighting: float = 2.0
     margin: float = 2.0
+
+    def nothing_of(self, n_seen: int) -> float:
+        """Return the log-likelihood of "nowhere on this map" for so many sightings."""
+        return self.nothing + self.nothing_per_sighting * n_seen
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,36 +150,56 @@ class Relocaliser:
     cone_map: ConeMap
     sensor: SensorModel
     config: RelocaliserConfig = RelocaliserConfig()
-    _index: ConeIndex = field(init=False, repr=False)
 
-    def __post_init__(self) -> None:
-        pair_m = 12.0 if self.sensor.max_range_m < SHORT_SIGHTED_M else 18.0
-        if len(self.cone_map):
-            object.__setattr__(self, "_index", ConeIndex(self.cone_map, pair_m))
+    @property
+    def _pair_m(self) -> float:
+        return 12.0 if self.sensor.max_range_m < SHORT_SIGHTED_M else 18.0
 
-    def locate(self, observations: ConeObservations | Sightings) -> Relocalisation:
+    @cached_property
+    def _index(self) -> ConeIndex:
+        return ConeIndex(self.cone_map, self._pair_m)
+
+    @cached_property
+    def _decoy(self) -> ConeIndex | None:
+        """The mirror image of the map; None where map and image are the same course."""
+        decoy = ConeIndex(mirror_image(self.cone_map), self._pair_m)
+        modes = self._modes(decoy, Sightings.of_map(self.cone_map))
+        if modes is not None:
+            fitting = np.count_nonzero(modes.cone < decoy.n, axis=1)
+            if fitting.max() > ALIKE * decoy.n:
+                return None
+        return decoy
+
+    def locate(
+        self, observations: ConeObservations | Sightings, *, on_map: bool = False
+    ) -> Relocalisation:
         """Look for the car on the whole map.
 
         Args:
             observations: a frame, or the sightings of several.
+            on_map: whether the car is known to be on this map, and not on another
+                course of its kind; the decoy is then not asked.
 
         Returns:
             The hypotheses, with the probabilities ``P_k = L_k^T / (sum_j L_j^T +
-            L_0^T)``, T the temperature and L_0 the likelihood of "none".
+            L_0^T)``, T the temperature and L_0 the likelihood of "none". The places
+            of the decoy take part in the sum where a pose would be accepted without.
         """
         seen = observations
         if isinstance(seen, ConeObservations):
             seen = Sightings.of_frame(seen)
         if len(seen) < 2 or len(self.cone_map) < 2:
             return Relocalisation(reason="fewer than two cones")
-        modes = self._modes(seen)
+        modes = self._modes(self._index, seen)
         if modes is None:
             return Relocalisation(reason="no two cones as far apart as the map's")
-        return self._judged(seen, modes)
+        found = self._judged(len(seen), modes, None)
+        if on_map or not found.accepted or self._decoy is None:
+            return found
+        return self._judged(len(seen), modes, self._modes(self._decoy, seen))
 
-    def _modes(self, seen: Sightings) -> ScoredPoses | None:
-        """Return the best poses, one a place, most likely first."""
-        index = self._index
+    def _modes(self, index: ConeIndex, seen: Sightings) -> ScoredPoses | None:
+        """Return the best poses on a map, one a place, most likely first."""
         log_colour = index.log_colour(seen.likelihood)
         poses = candidate_poses(index, seen, log_colour, MAP_SIGMA_M)
         if len(poses) == 0:
@@ -184,11 +218,13 @@ class Relocaliser:
                 break
         return scored.take(np.array(rows, dtype=np.int64))
 
-    def _judged(self, seen: Sightings, modes: ScoredPoses) -> Relocalisation:
-        config = self.config
-        nothing = config.nothing + config.nothing_per_sighting * len(seen)
-        every = np.append(modes.log_likelihood, nothing)
-        weight = np.exp(config.temperature * (every - every.max()))
+    def _judged(
+        self, n_seen: int, modes: ScoredPoses, decoys: ScoredPoses | None
+    ) -> Relocalisation:
+        every = np.append(modes.log_likelihood, self.config.nothing_of(n_seen))
+        if decoys is not None:
+            every = np.append(every, decoys.log_likelihood)
+        weight = np.exp(self.config.temperature * (every - every.max()))
         probability = weight / weight.sum()
         found = []
         for i in range(len(modes.pose)):
@@ -204,9 +240,24 @@ class Relocaliser:
                 )
             )
         n, sure = len(found[0].row), found[0].probability
-        reason = f"{n} of {len(seen)} cones on the map, probability {sure:.4f}"
-        accepted = sure > config.accept_probability and n >= config.min_inliers
+        reason = f"{n} of {n_seen} cones on the map, probability {sure:.4f}"
+        accepted = sure > self.config.accept_probability
+        accepted &= n >= self.config.min_inliers
         return Relocalisation(tuple(found), accepted, reason)
+
+
+def mirror_image(cone_map: ConeMap) -> ConeMap:
+    """Return a map reflected in the x axis, its left cones become right ones."""
+    flip = np.array([1.0, -1.0])
+    prob = cone_map.class_prob.copy()
+    sides = [ConeClass.BLUE, ConeClass.YELLOW]
+    prob[:, sides] = prob[:, sides[::-1]]
+    return replace(
+        cone_map,
+        xy_m=cone_map.xy_m * flip,
+        cov_m2=cone_map.cov_m2 * np.outer(flip, flip),
+        class_prob=prob,
+    )
 
 
 def same_place(pose: Array, others: Array) -> Mask:
@@ -214,31 +265,3 @@ def same_place(pose: Array, others: Array) -> Mask:
     gap = between(pose, others.reshape(-1, 3))
     near: Mask = np.hypot(gap[:, 0], gap[:, 1]) < SAME_M
     return near & (np.abs(gap[:, 2]) < SAME_RAD)
-
-
-def verify_closure(
-    relocaliser: Relocaliser, observations: ConeObservations | Sightings, pose: Array
-) -> float:
-    """Return by how much a pose leads every other on the map, in log-likelihood.
-
-    A pose that is right is the best one on the *whole* map. Near the predicted pose
-    something always fits: beside a parallel stretch half of all closures that were
-    only tested there were wrong.
-
-    Args:
-        relocaliser: the map without what was added since the place was left.
-        observations: what the car sees.
-        pose: (3,) where a closure would put it.
-
-    Returns:
-        The lead over the best other hypothesis or "none"; minus infinity where the
-        best hypothesis is elsewhere or has too few cones to speak of.
-    """
-    found = relocaliser.locate(observations)
-    best = found.best
-    if best is None or not same_place(best.pose, pose)[0] or len(best.row) < 4:
-        return -np.inf
-    config = relocaliser.config
-    nothing = config.nothing + config.nothing_per_sighting * len(observations)
-    rivals = [h.log_likelihood for h in found.hypotheses[1:]]
-    return best.log_likelihood - max([*rivals, nothing])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from conegraph.backends.landmarks import class_likelihood
-from conegraph.types import Array, ConeObservations
+from conegraph.types import Array, ConeMap, ConeObservations
 
 STANDING = np.zeros((1, 3))
 """The only place to have looked from in a single frame: where the car is."""
@@ -42,3 +42,9 @@ class Sightings:
         return Sightings(
             frame.xy_m, frame.cov_m2, class_likelihood(frame.class_prob), STANDING
         )
+
+    @staticmethod
+    def of_map(cone_map: ConeMap) -> Sightings:
+        """Return all cones of a map, seen from nowhere."""
+        likelihood = class_likelihood(cone_map.class_prob)
+        return Sightings(cone_map.xy_m, cone_map.cov_m2, likelihood, np.zeros((0, 3)))

@@ -7,21 +7,22 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from conegraph.geometry import between, to_parent
-from conegraph.types import Array, IntArray
+from conegraph.backends.relocalize import Relocaliser, same_place
+from conegraph.backends.sightings import Sightings
+from conegraph.geometry import to_parent
+from conegraph.types import Array, ConeObservations, IntArray
 
 INLIER_M = 0.8
 """How near a seen cone must lie to one of the map to speak for a hypothesis."""
-
-RIVAL_M = 1.0
-RIVAL_RAD = 0.15
-"""Hypotheses nearer to each other than this are one."""
 
 NEAREST = 6
 """Start cones of a frame that are laid on the map's: a lane of them has many pairs."""
 
 LEAD = 2
 """How many more cones than its best rival the accepted hypothesis must explain."""
+
+LEAST_CONES = 4
+"""Cones that must lie on the map for a pose to be verified."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,9 +69,7 @@ def match_gate(
         return "no two start cones as far apart as the map's"
     poses, counts = _refined(rough, seen_m, mapped_m)
     best = int(counts.argmax())
-    gap = between(poses[best], poses)
-    other = (np.hypot(gap[:, 0], gap[:, 1]) > RIVAL_M) | (np.abs(gap[:, 2]) > RIVAL_RAD)
-    rival = int(counts[other].max(initial=0))
+    rival = int(counts[~same_place(poses[best], poses)].max(initial=0))
     if counts[best] - rival < LEAD:
         return f"{counts[best]} cones agree, but {rival} with another pose"
     pose = poses[best]
@@ -81,6 +80,37 @@ def match_gate(
     if len(np.unique(slot)) != len(slot) or len(slot) < 2:
         return "two start cones fall on one"
     return GateMatch(seen_start[good], slot, pose, float(counts[best]) / len(seen_m))
+
+
+def verify_closure(
+    relocaliser: Relocaliser, observations: ConeObservations | Sightings, pose: Array
+) -> float:
+    """Return by how much a pose leads every other on the map, in log-likelihood.
+
+    A pose that is right is the best one on the *whole* map. Near the predicted pose
+    something always fits: beside a parallel stretch half of all closures that were
+    only tested there were wrong.
+
+    Args:
+        relocaliser: the map without what was added since the place was left.
+        observations: what the car sees.
+        pose: (3,) where a closure would put it.
+
+    Returns:
+        The lead over the best other hypothesis or "none"; minus infinity where the
+        best hypothesis is elsewhere or has too few cones to speak of.
+    """
+    found = relocaliser.locate(observations, on_map=True)
+    best = found.best
+    if (
+        best is None
+        or not same_place(best.pose, pose)[0]
+        or len(best.row) < LEAST_CONES
+    ):
+        return -np.inf
+    rivals = [h.log_likelihood for h in found.hypotheses[1:]]
+    nothing = relocaliser.config.nothing_of(len(observations))
+    return best.log_likelihood - max([*rivals, nothing])
 
 
 def _poses_from_pairs(seen_m: Array, mapped_m: Array) -> Array:

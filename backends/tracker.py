@@ -100,7 +100,7 @@ class Tracker:
         self.laps = LapCounter(config.start_line)
         self._pairer = FramePairer(config, self.sensor)
         self._cleaner = MapCleaner(config, self.sensor, self._pairer)
-        self._closures = ClosureWatch(config.start_line, self._pairer)
+        self._closures = ClosureWatch(config.start_line, self._pairer, self.sensor)
         self._health = HealthMonitor(config.status)
         self._consistency = ConsistencyMonitor(config.status)
         self._recovery = Recovery(

@@ -36,8 +36,8 @@ class Figure:
 
 
 _MAP, _PATH, _SMOOTHED = "Map", "Path while driving", "Path, smoothed"
-_CLOSE, _STATUS, _TIME = "Laps", "Status", "Time per frame"
-_TRACK = "Track"
+_CLOSE, _STATUS, _TIME = "Laps and loop closures", "Status", "Time per frame"
+_HONEST, _TRACK, _COST = "Error² / covariance, 1 is right", "Track", "Cost"
 FIGURES: tuple[Figure, ...] = (
     Figure(_MAP, "RMSE, aligned", "m", 3, "low", "map.rmse_aligned_m"),
     Figure(_MAP, "RMSE, start frame", "m", 3, "low", "map.start_frame.rmse_m"),
@@ -50,7 +50,6 @@ FIGURES: tuple[Figure, ...] = (
     Figure(_MAP, "colour errors", "", 0, "low", "map.colour.errors"),
     Figure(_MAP, "orange size confused", "", 0, "low", "map.colour.orange_size"),
     Figure(_MAP, "colour left unknown", "", 0, "low", "map.colour.unknown"),
-    Figure(_MAP, "error²/covariance, 1 is right", "", 2, None, "map.nees_per_dof"),
     Figure(_MAP, "nearest RMSE (lenient)", "m", 3, None, "map.lenient_nearest_rmse_m"),
     Figure(_PATH, "ATE, aligned", "m", 3, "low", "trajectory.ate_se2.rmse_m"),
     Figure(
@@ -62,23 +61,6 @@ FIGURES: tuple[Figure, ...] = (
     Figure(_PATH, "RPE over 10 m", "m", 3, "low", "trajectory.rpe.1.rmse_m"),
     Figure(_PATH, "RPE over 1 s", "m", 4, "low", "trajectory.rpe_time.0.rmse_m"),
     Figure(_PATH, "final drift", "%", 2, "low", "trajectory.final_drift_percent"),
-    Figure(_PATH, "drift per lap", "m", 3, "low", "lap_drift.rms_m"),
-    Figure(
-        _PATH,
-        "error²/covariance, 1 is right",
-        "",
-        2,
-        None,
-        "pose_consistency.nees_per_dof",
-    ),
-    Figure(
-        _PATH,
-        "innovation²/covariance, 1 is right",
-        "",
-        2,
-        None,
-        "innovation_consistency.nis_per_dof",
-    ),
     Figure(_SMOOTHED, "ATE, aligned", "m", 3, "low", "smoothed.ate_se2.rmse_m"),
     Figure(
         _SMOOTHED,
@@ -89,19 +71,24 @@ FIGURES: tuple[Figure, ...] = (
         "smoothed.ate_first_pose.rmse_m",
     ),
     Figure(_SMOOTHED, "yaw error, aligned", "deg", 2, "low", "smoothed.yaw_rmse_deg"),
+    Figure(_HONEST, "pose", "", 2, None, "pose_consistency.nees_per_dof"),
+    Figure(_HONEST, "map", "", 2, None, "map.nees_per_dof"),
+    Figure(_HONEST, "innovations", "", 2, None, "innovation_consistency.nis_per_dof"),
+    Figure(_TRACK, "road shared, IoU", "", 3, "high", "track.road_iou"),
+    Figure(_TRACK, "edges right", "", 3, "high", "track.edges_right"),
+    Figure(_TRACK, "centre line off", "m", 3, "low", "track.lateral_rmse_m"),
     Figure("Association", "precision", "", 4, "high", "association.precision"),
     Figure("Association", "recall", "", 4, "high", "association.recall"),
     Figure("Association", "split cones", "", 0, "low", "association.split_cones"),
+    Figure(_CLOSE, "laps driven", "", 0, None, "closures.laps_true"),
     Figure(_CLOSE, "laps counted", "", 0, None, "closures.laps"),
+    Figure(_CLOSE, "lap time error", "s", 3, "low", "closures.lap_time_error_s"),
+    Figure(_CLOSE, "drift a lap", "m", 3, "low", "lap_drift.rms_m"),
+    Figure(_CLOSE, "lap ends closed in time", "", 0, "high", "closures.in_time"),
+    Figure(_CLOSE, "closure delay, median", "s", 2, None, "closures.delay_s"),
+    Figure(_CLOSE, "closure precision", "", 3, "high", "closures.precision"),
     Figure(_CLOSE, "closures accepted", "", 0, None, "closures.accepted"),
     Figure(_CLOSE, "closures rejected", "", 0, None, "closures.rejected"),
-    Figure(_CLOSE, "closures right", "", 2, "high", "closures.precision"),
-    Figure(_CLOSE, "delay after the start line", "s", 2, "low", "closures.delay_s"),
-    Figure(_CLOSE, "lap time error", "s", 3, "low", "closures.lap_time_error_s"),
-    Figure(_TRACK, "boundary edges right", "", 3, "high", "track.edges_right"),
-    Figure(_TRACK, "boundary edges found", "", 3, "high", "track.edges_found"),
-    Figure(_TRACK, "road IoU", "", 3, "high", "track.road_iou"),
-    Figure(_TRACK, "centre line off", "m", 3, "low", "track.lateral_rmse_m"),
     Figure(_STATUS, "frames", "", 0, None, "status.frames"),
     Figure(_STATUS, "frames DEGRADED", "", 0, "low", "status.by_status.DEGRADED"),
     Figure(_STATUS, "frames LOST", "", 0, "low", "status.by_status.LOST"),
@@ -110,8 +97,9 @@ FIGURES: tuple[Figure, ...] = (
     Figure(_TIME, "p95", "ms", 2, "low", "latency_ms.frame.p95"),
     Figure(_TIME, "p99", "ms", 2, "low", "latency_ms.frame.p99"),
     Figure(_TIME, "max", "ms", 2, "low", "latency_ms.frame.max"),
-    Figure(_TIME, "real-time factor", "", 1, "high", "cost.real_time_factor"),
-    Figure(_TIME, "p99, last lap / first", "", 2, "low", "cost.p99_growth"),
+    Figure(_COST, "faster than the stream", "x", 1, "high", "cost.real_time_factor"),
+    Figure(_COST, "p99, last lap / first", "", 2, "low", "cost.p99_growth"),
+    Figure(_COST, "peak memory so far", "MiB", 0, None, "cost.peak_memory_mb"),
 )
 
 

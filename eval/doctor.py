@@ -9,7 +9,6 @@ import numpy as np
 
 from conegraph.eval.doctor_case import open_case
 from conegraph.eval.doctor_causes import CAUSES
-from conegraph.eval.doctor_sensors import fit_sensors
 from conegraph.eval.judge import Truth
 from conegraph.eval.record import Record
 from conegraph.io.run_folder import RunFolder
@@ -75,10 +74,9 @@ def diagnose(run: RunFolder, truth: Truth | None = None) -> Diagnosis:
         text = "the run has no path to look at: too short, or with poses that are NaN"
         return Diagnosis((), (text,))
     case = open_case(run, truth or Truth())
-    fit = fit_sensors(case)
     found = []
     for cause in CAUSES:
-        evidence = cause.examine(case, fit)
+        evidence = cause.examine(case)
         if evidence is None or not evidence.measured > evidence.limit:
             continue
         score = evidence.measured / evidence.limit
@@ -97,7 +95,7 @@ def diagnose(run: RunFolder, truth: Truth | None = None) -> Diagnosis:
     notes = []
     if len(run.observations) == 0:
         notes.append("the run kept no observations: its sensors were not looked at")
-    elif fit is None:
+    elif case.fit is None:
         notes.append("too few cones were seen twice: the sensors were not looked at")
     if not case.has_odometry:
         notes.append("without odometry neither its faults nor those of stamps show")

@@ -6,14 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from conegraph.eval.doctor_fit import SPAN_S, SensorFit, Sights, fit_sensors
+from conegraph.eval.doctor_tracks import chained, linked, placed
 from conegraph.eval.judge import Truth
-from conegraph.geometry import between, rotation
+from conegraph.geometry import between
 from conegraph.io.run_folder import AssociationRows, ObservationRows, RunFolder
 from conegraph.types import Array, IntArray, Mask, Status
-
-LINK_S, LINK_M = 0.5, 1.2
-"""Sights of one cone follow each other within this time, and by odometry no farther
-apart: cones stand at least twice that far from each other."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +30,8 @@ class Case:
         made: what became of each of them.
         frame: (N,) frame of each.
         track: (N,) whose they are: sights with one number show one cone.
+        fit: what is wrong with odometry, stamps and calibration; None where too few
+            cones were seen twice.
     """
 
     run: RunFolder
@@ -45,11 +45,22 @@ class Case:
     made: AssociationRows
     frame: IntArray
     track: IntArray
+    fit: SensorFit | None
 
     @property
     def driven_m(self) -> float:
         """Distance that odometry says, or the estimate without any."""
         return float(np.hypot(self.motion[:, 0], self.motion[:, 1]).sum())
+
+    @property
+    def worst_nis_s(self) -> float:
+        """Stamp from which on NIS is greatest over a second, NaN without any."""
+        rows = self.run.consistency
+        if len(rows) == 0:
+            return float("nan")
+        second, k = np.unique(np.floor(rows.stamp_s), return_inverse=True)
+        ratio = np.bincount(k, rows.nis) / np.bincount(k, rows.dof)
+        return float(second[ratio.argmax()])
 
     def busiest_s(self, rows: Mask, width_s: float = 1.0) -> float:
         """Return the stamp from which on most of the marked sights (N,) lie."""
@@ -73,6 +84,8 @@ def open_case(run: RunFolder, truth: Truth) -> Case:
     seen, made = run.observations.first(n), run.associations.first(n)
     frame = np.searchsorted(stamp_s, seen.stamp_s).clip(max=len(stamp_s) - 1)
     lost_s = run.status.stamp_s[run.status.status == Status.LOST.value]
+    lost = np.isin(stamp_s, lost_s)
+    track = linked(frame, placed(chained(motion)[frame], seen.xy_m), stamp_s)
     return Case(
         run=run,
         truth=truth,
@@ -80,51 +93,33 @@ def open_case(run: RunFolder, truth: Truth) -> Case:
         moved=moved,
         motion=motion,
         has_odometry=len(at) > 1,
-        lost=np.isin(stamp_s, lost_s),
+        lost=lost,
         seen=seen,
         made=made,
         frame=frame,
-        track=linked(frame, placed(chained(motion)[frame], seen.xy_m), stamp_s),
+        track=track,
+        fit=fit_sensors(_sights(stamp_s, motion, lost, seen, frame, track)),
     )
 
 
-def linked(frame: IntArray, world_m: Array, stamp_s: Array) -> IntArray:
-    """Return whose sights (N,) are of one cone, by place alone and without any map.
-
-    A sight continues the track that ended nearest to it, if both are each other's
-    nearest, not `LINK_M` apart and not `LINK_S`.
-
-    Args:
-        frame: (N,) frame of each sight, ascending.
-        world_m: (N, 2) where odometry alone puts it.
-        stamp_s: (F,) stamps of the frames.
-    """
-    track = np.arange(len(frame))
-    cuts = np.searchsorted(frame, np.arange(len(stamp_s) + 1))
-    ends = np.zeros(0, dtype=np.int64)
-    for k in np.flatnonzero(np.diff(cuts)):
-        now = np.arange(cuts[k], cuts[k + 1])
-        ends = ends[stamp_s[k] - stamp_s[frame[ends]] <= LINK_S]
-        apart = np.hypot(*(world_m[now, None] - world_m[ends]).transpose(2, 0, 1))
-        if len(ends):
-            nearest, back = apart.argmin(axis=1), apart.argmin(axis=0)
-            mutual = back[nearest] == np.arange(len(now))
-            mutual &= apart[np.arange(len(now)), nearest] <= LINK_M
-            track[now[mutual]] = track[ends[nearest[mutual]]]
-            ends = np.delete(ends, nearest[mutual])
-        ends = np.concatenate([ends, now])
-    return track
-
-
-def placed(pose: Array, xy_m: Array) -> Array:
-    """Return points (N, 2), each in the frame of a pose (N, 3), in the world."""
-    turned = np.einsum("nij,nj->ni", rotation(pose[:, 2]), xy_m)
-    return np.asarray(pose[:, :2] + turned)
-
-
-def chained(step: Array) -> Array:
-    """Return the poses (F, 3) that increments (F, 3) lead to."""
-    yaw = np.cumsum(step[:, 2])
-    before = np.concatenate([[0.0], yaw[:-1]])
-    moved = np.einsum("nij,nj->ni", rotation(before), step[:, :2])
-    return np.column_stack([np.cumsum(moved, axis=0), yaw])
+def _sights(
+    stamp_s: Array,
+    motion: Array,
+    lost: Mask,
+    seen: ObservationRows,
+    frame: IntArray,
+    track: IntArray,
+) -> Sights:
+    """Return the sights of a moving car that knows where it is, by cone and span."""
+    moving = motion[:, :2].any(axis=1) & ~lost
+    rows = moving[frame]
+    span = np.floor(stamp_s[frame] / SPAN_S).astype(np.int64)
+    key = np.stack([track, span], axis=1)[rows]
+    return Sights(
+        frame[rows],
+        np.unique(key, axis=0, return_inverse=True)[1],
+        seen.xy_m[rows],
+        seen.cov_m2[rows],
+        stamp_s,
+        motion,
+    )

@@ -19,6 +19,7 @@ WIDTH_IN = 4.4
 
 HEIGHT_IN = 3.0
 LEGEND_ROW_IN = 0.22
+NARROW = 100.0
 LETTERS_PT = 10.0
 GRID_COLOUR = "#e4e4e8"
 GOOD_COLOUR = "#d9d9de"
@@ -98,8 +99,13 @@ def new_axes(
 
 
 def plain_decades(axis: Axis) -> None:
-    """Write the decades of a logarithmic axis out: 0.01, 0.1, 1."""
-    axis.set_major_locator(LogLocator(numticks=7))
+    """Write the decades of a logarithmic axis out: 0.01, 0.1, 1.
+
+    Where what is drawn spans less than two, write 2 and 5 of each as well.
+    """
+    low, high = axis.get_view_interval()
+    steps = (1.0,) if high / low > NARROW else (1.0, 2.0, 5.0)
+    axis.set_major_locator(LogLocator(subs=steps, numticks=7))
     axis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axis.set_minor_formatter(NullFormatter())
 

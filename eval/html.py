@@ -24,13 +24,14 @@ from conegraph.eval.style import CSS
 def html_text(document: Document) -> str:
     """Return the page: verdict, what to beware of, where to find what, evidence."""
     title = escape(document.title)
+    details = f"\n<p>{_words(document.details)}</p>" if document.details else ""
     return "\n".join(
         [
             '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">',
             '<meta name="viewport" content="width=device-width, initial-scale=1">',
             f"<title>{title}</title>\n<style>{CSS}</style>\n</head>\n<body>",
             f'<header>\n<h1>{title}</h1>\n<p class="verdict">'
-            f"{_words(document.verdict)}</p>\n<p>{_words(document.details)}</p>\n</header>",
+            f"{_words(document.verdict)}</p>{details}\n</header>",
             _warnings(document.warnings),
             _contents(document.sections),
             "<main>",

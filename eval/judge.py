@@ -131,7 +131,7 @@ def evaluate(
         ValueError: the true ids are not as many as the association rows.
         FileFormatError: the run's track cannot be read.
     """
-    run, unplaced = _since_found(run)
+    run, unplaced = since_found(run)
     causal = _path_metrics(run.trajectory, truth.trajectory)
     pairs = _pairs(run, truth) if causal is not None else None
     laps = () if causal is None else _true_laps(truth, causal, run.trajectory)
@@ -240,7 +240,7 @@ def _track_metrics(
     return track_metrics(track, run.cone_map, truth, true, pose, cones.gate_m)
 
 
-def _since_found(run: RunFolder) -> tuple[RunFolder, int]:
+def since_found(run: RunFolder) -> tuple[RunFolder, int]:
     """Leave out the poses before a first jump, if none was trusted; return how many."""
     status = run.status
     jumped = np.flatnonzero(status.reset_counter > 0)
@@ -264,13 +264,10 @@ def _pose_consistency(
     run: RunFolder, causal: TrajectoryMetrics | None, pairs: PosePairs | None
 ) -> PoseConsistency | None:
     """Judge the causal poses' covariances in the run's own frame, its start."""
-    cov = run.pose_cov
-    if causal is None or pairs is None or len(cov) == 0:
+    if causal is None or pairs is None or len(run.pose_cov) == 0:
         return None
-    row = np.searchsorted(cov.stamp_s, pairs.stamp_s).clip(max=len(cov) - 1)
-    known = cov.stamp_s[row] == pairs.stamp_s
-    true = between(causal.pose_truth_start, pairs.truth[known])
-    return pose_consistency(pairs.estimate[known], cov.cov[row[known]], true)
+    true = between(causal.pose_truth_start, pairs.truth)
+    return pose_consistency(pairs.estimate, run.pose_cov.at(pairs.stamp_s), true)
 
 
 def _path_metrics(

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from conegraph.eval.align import distance
 from conegraph.eval.consistency import pose_nees
-from conegraph.eval.judge import RunMetrics, Truth
+from conegraph.eval.judge import RunMetrics, Truth, since_found
+from conegraph.eval.run_metrics import FRAME, cost_metrics
 from conegraph.eval.trajectory_metrics import pair_with_truth, path_length
 from conegraph.geometry import between, compose, inverse, to_parent, wrap_angle
 from conegraph.io.run_folder import RunFolder
@@ -69,19 +69,21 @@ class PlacedMap:
 def run_series(run: RunFolder, truth: Truth) -> RunSeries:
     """Look along a run; without a true path there are no errors."""
     stamp_s = distance_m = error_m = heading_rad = nees = np.zeros(0)
+    found, _ = since_found(run)
     if truth.trajectory is not None:
-        pairs = pair_with_truth(run.trajectory, truth.trajectory)
+        pairs = pair_with_truth(found.trajectory, truth.trajectory)
         if len(pairs.stamp_s):
-            true = between(pairs.truth[0], pairs.truth)
-            estimate = between(pairs.estimate[0], pairs.estimate)
+            start = compose(pairs.truth[0], inverse(pairs.estimate[0]))
+            true = between(start, pairs.truth)
             keep = _thinned(len(pairs.stamp_s))
             stamp_s = (pairs.stamp_s - pairs.stamp_s[0])[keep]
             distance_m = path_length(pairs.truth[:, :2])[keep]
-            error_m = distance(estimate[keep, :2], true[keep, :2])
-            heading_rad = wrap_angle(estimate[keep, 2] - true[keep, 2])
-            nees = _nees(run, pairs.stamp_s, pairs.estimate, pairs.truth)[keep]
-    frame_ms = run.timing_ms.get("frame", np.zeros(0))
-    counts, _ = np.histogram(frame_ms, FRAME_MS_EDGES)
+            error_m = distance(pairs.estimate[keep, :2], true[keep, :2])
+            heading_rad = wrap_angle(pairs.estimate[keep, 2] - true[keep, 2])
+            cov = run.pose_cov.at(pairs.stamp_s[keep])
+            nees = pose_nees(pairs.estimate[keep], cov, true[keep])
+    counts, _ = np.histogram(run.timing_ms.get(FRAME, np.zeros(0)), FRAME_MS_EDGES)
+    cost = cost_metrics(run.status.stamp_s, run.timing_ms, run.summary)
     return RunSeries(
         stamp_s=stamp_s,
         distance_m=distance_m,
@@ -90,7 +92,7 @@ def run_series(run: RunFolder, truth: Truth) -> RunSeries:
         nees=nees,
         frame_ms_edges=FRAME_MS_EDGES,
         frame_ms_counts=counts.astype(np.int64),
-        lap_p99_ms=_lap_p99_ms(run, frame_ms),
+        lap_p99_ms=np.array(cost.lap_p99_ms),
     )
 
 
@@ -118,27 +120,3 @@ def _placement(metrics: RunMetrics) -> Array:
 
 def _thinned(n: int) -> IntArray:
     return np.unique(np.linspace(0, n - 1, min(n, MAX_SAMPLES)).astype(np.int64))
-
-
-def _nees(run: RunFolder, stamp_s: Array, estimate: Array, truth: Array) -> Array:
-    """Return the NEES (N,) in the run's own world, which is the first true pose."""
-    result, cov = np.full(len(stamp_s), np.nan), run.pose_cov
-    if len(cov) == 0:
-        return result
-    row = np.searchsorted(cov.stamp_s, stamp_s).clip(max=len(cov) - 1)
-    known = cov.stamp_s[row] == stamp_s
-    start = compose(truth[0], inverse(estimate[0]))
-    true = between(start, truth[known])
-    result[known] = pose_nees(estimate[known], cov.cov[row[known]], true)
-    return result
-
-
-def _lap_p99_ms(run: RunFolder, frame_ms: Array) -> Array:
-    """Return p99 of the frames of each completed lap (L,); laps end at frames."""
-    laps, stamps = run.summary.get("laps"), run.status.stamp_s
-    if not isinstance(laps, list) or len(frame_ms) != len(stamps):
-        return np.zeros(0)
-    ends = [lap["end_s"] for lap in laps if isinstance(lap, Mapping)]
-    rows = np.searchsorted(stamps, np.array(ends, dtype=np.float64), side="right")
-    parts = [part for part in np.split(frame_ms, rows)[: len(ends)] if len(part)]
-    return np.array([np.percentile(part, 99) for part in parts])

@@ -141,11 +141,11 @@ def latency_over_laps(
 
     laps = max((len(r.lap_p99_ms) for of in runs.values() for r in of), default=0)
     grid = np.arange(1.0, laps + 1.0)
-    if not laps or not _bands(axes, runs, lap_times, grid=grid, marked=True):
+    if laps < 2 or not _bands(axes, runs, lap_times, grid=grid, marked=True):
         return None
     axes.set_ylim(bottom=0.0)
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_xlim(0.7, laps + 0.3)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     legend_above(axes)
     see = (
         "A level line is a cost that does not grow with the length of the drive."

@@ -186,10 +186,9 @@ def _along(grouped: Grouped, series: SeriesFolder) -> tuple[Block, ...]:
     nees = way_pictures(grouped, series, nees_over_time, "nees-over-time")
     sound = sound_series(grouped, series)
     times = (latency_histogram(sound), latency_over_laps(sound))
-    galleries = (errors, nees, tuple(p for p in times if p is not None))
-    drawn = tuple(Gallery(pictures) for pictures in galleries if pictures)
+    drawn = (*errors, *nees, *(picture for picture in times if picture is not None))
     said = Paragraph("Runs that failed are left out of these drawings.")
-    return (said, *drawn) if drawn else ()
+    return (said, Gallery(drawn)) if drawn else ()
 
 
 def _worst(rows: Sequence[SuiteRow]) -> tuple[Block, ...]:
@@ -212,13 +211,6 @@ def _worst(rows: Sequence[SuiteRow]) -> tuple[Block, ...]:
         corner="stream",
         words=frozenset({0, 3}),
     )
-    lines = [
-        line
-        for number, row in enumerate(ranked, 1)
-        for line in (
-            f"{row.command} --save-rrd",
-            "conegraph view out/replay",
-        )
-    ]
-    title = "Replay one, and open it in Rerun:"
-    return (table, Commands(title, tuple(lines)))
+    replays = [f"{row.command} --save-rrd" for row in ranked]
+    title = "Replay one of these, in the order of the table, then look at it in Rerun:"
+    return (table, Commands(title, (*replays, "conegraph view out/replay")))

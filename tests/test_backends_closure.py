@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from conegraph.backends.closure import ClosureResult, ClosureWatch
 from conegraph.backends.laps import Gate
 from conegraph.backends.local_map import LocalMap
 from conegraph.backends.pairing import FramePairer
+from conegraph.backends.start_line import GateMatch, match_gate
 from conegraph.config import Config
 from conegraph.geometry import to_child
 from conegraph.types import Array, ConeClass, ConeObservations, SensorModel
@@ -43,7 +46,7 @@ class Drive:
             prob = report(WORLD).class_prob
             self.map.book.hit(everything, prob, 0.0)
         self.pairer = FramePairer(self.config, SENSOR)
-        self.watch = ClosureWatch(self.config.start_line, self.pairer)
+        self.watch = ClosureWatch(self.config.start_line, self.pairer, SENSOR)
 
     def look(
         self,
@@ -132,3 +135,23 @@ def test_a_drift_that_the_filter_rules_out_is_refused() -> None:
     # It is said again only after two metres.
     again = drive.look(121.0, np.array([-3.0, 2.4, 0.0]), AT_GATE)
     assert again.events == ()
+
+
+def test_a_gate_beside_a_place_that_fits_better_is_refused() -> None:
+    """Two cones are taken for the start 8 m before the place where the car is."""
+    here = np.array([[6.0, 2.0], [6.3, -2.0], *LANE])
+    beside = here[[0, 1, 2, 4]] - [8.0, 0.0]
+    seen = report(here)
+    shown = np.vstack([beside, LANE])
+    drive = Drive(pose_sigma_m=4.0)
+    assert isinstance(match_gate(here, np.arange(2), shown, np.arange(2)), GateMatch)
+    drive.map = LocalMap(drive.config)
+    drive.map.add(report(shown), 0.0)
+    for _ in range(4):
+        drive.map.book.hit(np.arange(len(shown)), report(shown).class_prob, 0.0)
+    drive.map.filter.place_car(np.array([-4.0, 1.0, 0.0]), np.diag([16.0, 16.0, 1e-4]))
+    pairs = drive.pairer.pair(drive.map, seen, np.zeros((6, 6)))
+    nobody = replace(pairs, slot=np.full(len(seen), -1))
+    result = drive.watch.check(drive.map, seen, nobody, GATE, 120.0)
+    assert not result.accepted
+    assert "does not find this place" in result.events[0].reason

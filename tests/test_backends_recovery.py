@@ -21,6 +21,7 @@ from conegraph.sim.odometry import OdometrySensor
 from conegraph.sim.track_shapes import built_in_track
 from conegraph.types import (
     Array,
+    ConeMap,
     Event,
     Recording,
     Status,
@@ -98,22 +99,32 @@ def follow(
     )
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize(("sensor", "odometry"), [("camera", True), ("lidar", False)])
-def test_on_a_given_map_the_car_starts_anywhere_and_may_be_carried_away(
-    kind: str, sensor: str, odometry: bool
-) -> None:
-    recording = drive(sensor, 1, odometry=odometry)
-    assert recording.truth_map is not None
-    known = cone_map(recording.truth_map.xy_m, recording.truth_map.cone_class)
+def on_map(recording: Recording, known: ConeMap, kind: str = "ekf") -> Backend:
+    """Return a back end that localises on a map."""
     config = resolve_config({"backend": {"kind": kind}})
-    backend = make_backend(
+    return make_backend(
         config.backend,
         config,
         sensor=recording.sensor,
         known_map=known,
         add_cones=False,
     )
+
+
+def true_map(recording: Recording) -> ConeMap:
+    truth = recording.truth_map
+    assert truth is not None
+    return cone_map(truth.xy_m, truth.cone_class)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(("sensor", "odometry"), [("camera", True), ("lidar", False)])
+def test_on_a_given_map_the_car_starts_anywhere_and_may_be_carried_away(
+    kind: str, sensor: str, odometry: bool
+) -> None:
+    recording = drive(sensor, 1, odometry=odometry)
+    known = true_map(recording)
+    backend = on_map(recording, known, kind)
     begin_s, cut_s = 8.0, 13.0
     log = follow(backend, recording, pieces(recording, begin_s, cut_s, 6.0, 24.0))
     assert log.error_m[0] > 20.0
@@ -162,14 +173,7 @@ def test_on_a_symmetric_map_the_start_is_believed_only_after_a_while() -> None:
     recording = simulate(layout, laps=1, seed=1, sensor=LIDAR, origin="start")
     assert layout.start_pose is not None
     known = cone_map(to_child(layout.start_pose, layout.xy_m), layout.cone_class)
-    config = resolve_config({})
-    backend = make_backend(
-        config.backend,
-        config,
-        sensor=recording.sensor,
-        known_map=known,
-        add_cones=False,
-    )
+    backend = on_map(recording, known)
     log = follow(backend, recording, pieces(recording, 0.0, 12.0, 0.0, 12.0))
     assert set(log.status) == {Status.INIT, Status.OK}
     path = recording.truth_trajectory
@@ -183,8 +187,7 @@ def test_on_a_symmetric_map_the_start_is_believed_only_after_a_while() -> None:
 
 def test_thesis_and_known_ids_never_look_for_the_car() -> None:
     recording = drive("lidar", 1)
-    assert recording.truth_map is not None
-    known = cone_map(recording.truth_map.xy_m, recording.truth_map.cone_class)
+    known = true_map(recording)
     for tree in (
         {"backend": {"profile": "thesis"}},
         {"association": {"method": "known"}},
@@ -201,16 +204,7 @@ def test_thesis_and_known_ids_never_look_for_the_car() -> None:
 def test_the_pose_found_is_known_relative_to_the_cones_around() -> None:
     """After a jump, car and cones agree to the sensor's noise, not to a guess."""
     recording = drive("lidar", 1)
-    assert recording.truth_map is not None
-    known = cone_map(recording.truth_map.xy_m, recording.truth_map.cone_class)
-    config = resolve_config({})
-    backend = make_backend(
-        config.backend,
-        config,
-        sensor=recording.sensor,
-        known_map=known,
-        add_cones=False,
-    )
+    backend = on_map(recording, true_map(recording))
     log = follow(backend, recording, pieces(recording, 8.0, 10.0, 0.0, 10.0))
     found = int(np.flatnonzero(log.resets == 1)[0])
     # Dozens of cones at 5 cm on the map and 2 cm seen.

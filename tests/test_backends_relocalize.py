@@ -19,8 +19,9 @@ from conegraph.backends.pose_score import (
     SHOWN,
     refine,
 )
-from conegraph.backends.relocalize import Relocaliser, same_place, verify_closure
+from conegraph.backends.relocalize import Relocaliser, same_place
 from conegraph.backends.sightings import STANDING, Sightings
+from conegraph.backends.start_line import verify_closure
 from conegraph.geometry import compose, to_child
 from conegraph.types import (
     Array,

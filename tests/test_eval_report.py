@@ -136,7 +136,12 @@ def test_without_truth_only_time_is_compared() -> None:
         "isam2 1.50 ms."
     )
     groups = {row.figure.group for row in comparison.rows}
-    assert groups == {"Laps", "Status", "Time per frame"}
+    assert groups == {
+        "Laps and loop closures",
+        "Status",
+        "Time per frame",
+        "Cost",
+    }
 
 
 def test_where_nothing_is_best_nothing_is_said_of_it(tmp_path: Path) -> None:

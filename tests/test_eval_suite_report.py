@@ -158,12 +158,12 @@ def test_the_worst_runs_come_with_what_replays_them(both: Written) -> None:
     _, markdown, _ = both
     worst = markdown[markdown.index("## Worst runs") :].splitlines()
     commands = [line for line in worst if line.startswith("conegraph")]
-    assert commands[:2] == [
+    assert commands[0] == (
         "conegraph compare 'sim:random:1?seed=3' --backends ekf --out out/replay "
-        "--save-rrd",
-        "conegraph view out/replay",
-    ]
-    assert len(commands) == 20
+        "--save-rrd"
+    )
+    assert commands[-1] == "conegraph view out/replay"
+    assert len(commands) == 11
 
 
 def test_an_effect_that_is_shown_has_its_size(tmp_path: Path) -> None:

@@ -217,8 +217,8 @@ def mistakes(outcomes: Sequence[Outcome]) -> list[str]:
     """Return a line for each run that was misjudged with truth."""
     healthy = healthy_runs(outcomes)
     return [
-        f"{o.trial.command}: {o.cause} instead of {o.trial.injection.cause} (map {o.map_rmse_m:.3f} m, "
-        f"path {o.ate_m:.2f} m off)"
+        f"{o.trial.command}: {o.cause} instead of {o.trial.injection.cause} "
+        f"(map {o.map_rmse_m:.3f} m, path {o.ate_m:.2f} m off)"
         for o in outcomes
         if not is_right(o, healthy[o.trial.drive])
     ]

@@ -8,7 +8,8 @@ from itertools import product
 
 import numpy as np
 
-from conegraph.backends.relocalize import Relocaliser, same_place, verify_closure
+from conegraph.backends.relocalize import Relocaliser, same_place
+from conegraph.backends.start_line import verify_closure
 from conegraph.bench.figure import Figure, not_measured
 from conegraph.bench.lost_car import LostCount, count_lost
 from conegraph.bench.relocalisation_trials import (

@@ -103,6 +103,15 @@ class PoseCovariances:
     def __len__(self) -> int:
         return len(self.stamp_s)
 
+    def at(self, stamp_s: Array) -> Array:
+        """Return the covariances (M, 3, 3) at stamps (M,), NaN where there is none."""
+        found = np.full((len(stamp_s), 3, 3), np.nan)
+        row = np.searchsorted(self.stamp_s, stamp_s)
+        known = row < len(self)
+        known[known] = self.stamp_s[row[known]] == stamp_s[known]
+        found[known] = self.cov[row[known]]
+        return found
+
     @classmethod
     def empty(cls) -> Self:
         """No pose at all."""

@@ -17,11 +17,11 @@ that differ in size, and nothing inside a run tells which is right.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from conegraph.eval.doctor_case import Case, chained, placed
+from conegraph.eval.doctor_tracks import chained, placed
 from conegraph.geometry import rotation
 from conegraph.types import Array, IntArray
 
@@ -66,7 +66,7 @@ class SensorFit:
 
 
 @dataclass(frozen=True, slots=True)
-class _Sights:
+class Sights:
     """Sights of cones, and odometry's steps between the frames.
 
     Attributes:
@@ -85,8 +85,19 @@ class _Sights:
     stamp_s: Array
     step: Array
 
+    def of_cones_seen_often(self) -> Sights:
+        """Return those of groups with `OFTEN` sights or more, the groups renumbered."""
+        keep = np.bincount(self.group, minlength=1)[self.group] >= OFTEN
+        return replace(
+            self,
+            frame=self.frame[keep],
+            group=np.unique(self.group[keep], return_inverse=True)[1],
+            xy_m=self.xy_m[keep],
+            cov_m2=self.cov_m2[keep],
+        )
 
-def fit_sensors(case: Case) -> SensorFit | None:
+
+def fit_sensors(sights: Sights) -> SensorFit | None:
     """Estimate what is wrong with odometry, stamps and calibration together.
 
     Gauss and Newton's method on the equation above, with every cone's place l
@@ -99,8 +110,8 @@ def fit_sensors(case: Case) -> SensorFit | None:
     Returns:
         None with too few cones that were seen twice.
     """
-    sights = _sights_of(case)
-    if sights is None:
+    sights = sights.of_cones_seen_often()
+    if len(sights.frame) < FEWEST:
         return None
     value, weight = np.zeros(len(NAMES)), np.ones(len(sights.frame))
     for _ in range(ROUNDS):
@@ -124,27 +135,7 @@ def _scale(d2: Array) -> float:
     return float(np.sqrt(np.median(d2) / (2.0 * np.log(2.0))))
 
 
-def _sights_of(case: Case) -> _Sights | None:
-    """Return the sights of cones that were seen often enough within `SPAN_S`."""
-    frame = case.frame
-    span = np.floor(case.stamp_s[frame] / SPAN_S).astype(np.int64)
-    key = np.stack([case.track, span], axis=1)
-    _, group, count = np.unique(key, axis=0, return_inverse=True, return_counts=True)
-    moving = case.motion[:, :2].any(axis=1) & ~case.lost
-    rows = np.flatnonzero(moving[frame] & (count[group] >= OFTEN))
-    if len(rows) < FEWEST:
-        return None
-    return _Sights(
-        frame[rows],
-        np.unique(group[rows], return_inverse=True)[1],
-        case.seen.xy_m[rows],
-        case.seen.cov_m2[rows],
-        case.stamp_s,
-        case.motion,
-    )
-
-
-def _linearised(s: _Sights, value: Array) -> tuple[Array, Array]:
+def _linearised(s: Sights, value: Array) -> tuple[Array, Array]:
     """Return where the sights are with the faults taken out, and by what they move.
 
     Returns:
@@ -153,7 +144,7 @@ def _linearised(s: _Sights, value: Array) -> tuple[Array, Array]:
     scale, bias, turned, late = value
     standing = ~s.step.any(axis=1)
     dt = np.where(standing, 0.0, np.diff(s.stamp_s, prepend=s.stamp_s[0]))
-    step = s.step * [1.0 - scale, 1.0 - scale, 1.0]
+    step = s.step / [1.0 + scale, 1.0 + scale, 1.0]
     step[:, 2] -= bias * dt
     pose = chained(step)
     speed = np.gradient(pose[:, :2], s.stamp_s, axis=0)
@@ -196,7 +187,7 @@ def _without_places(
 
 
 def _summary(
-    s: _Sights,
+    s: Sights,
     value: Array,
     information: Array,
     slope: Array,

@@ -1,0 +1,296 @@
+"""The doctor names what was done to a run whose every number is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from conegraph.eval.doctor import HEALTHY, diagnose
+from conegraph.eval.doctor_case import open_case
+from conegraph.eval.doctor_fit import NAMES
+from conegraph.eval.doctor_tracks import linked
+from conegraph.eval.judge import Truth
+from conegraph.geometry import between, to_child, to_parent
+from conegraph.io.run_folder import (
+    AssociationRows,
+    ConsistencyRows,
+    MotionRows,
+    ObservationRows,
+    PoseCovariances,
+    RunFolder,
+    StatusRows,
+)
+from conegraph.types import Array, ConeClass, ConeMap, IntArray, Trajectory
+
+RATE_HZ, LAPS, LAP_S, RADIUS_M = 10.0, 2, 12.0, 12.0
+SIGMA_M = 0.02
+N = int(RATE_HZ * LAPS * LAP_S) + 1
+STAMPS = np.arange(N) / RATE_HZ
+
+
+def true_pose(stamp_s: Array) -> Array:
+    """Two laps of an oval whose curvature and speed change all the time."""
+    phase = 2 * np.pi * (stamp_s / LAP_S + 0.05 * np.sin(2 * np.pi * stamp_s / 4.0))
+    xy = np.column_stack([1.5 * RADIUS_M * np.sin(phase), -RADIUS_M * np.cos(phase)])
+    ahead = np.arctan2(RADIUS_M * np.sin(phase), 1.5 * RADIUS_M * np.cos(phase))
+    return np.column_stack([xy, ahead])
+
+
+def cones() -> Array:
+    around = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    ring = np.column_stack(
+        [1.5 * RADIUS_M * np.sin(around), -RADIUS_M * np.cos(around)]
+    )
+    return np.vstack([0.85 * ring, 1.15 * ring])
+
+
+def drive(
+    *,
+    scale: float = 0.0,
+    bias: float = 0.0,
+    yaw: float = 0.0,
+    late: float = 0.0,
+    ranges: float = 1.0,
+    noise: float = 1.0,
+    seed: int = 0,
+) -> RunFolder:
+    """A run that knows its pose and closes both loops, fed as is asked for."""
+    rng = np.random.default_rng(seed)
+    pose = true_pose(STAMPS)
+    step = between(pose[:-1], pose[1:]) * [1 + scale, 1 + scale, 1.0]
+    step[:, 2] += bias / RATE_HZ
+    frame, ids, xy = sights(true_pose(STAMPS - late), yaw, ranges)
+    xy = xy + noise * SIGMA_M * rng.standard_normal(xy.shape)
+    row = np.arange(len(frame)) - np.searchsorted(frame, frame)
+    n, t = len(frame), STAMPS[frame]
+    closures = [
+        {"stamp_s": lap * LAP_S, "accepted": True, "reason": "", "distance_m": 90.0}
+        for lap in range(1, LAPS + 1)
+    ]
+    return RunFolder(
+        folder=Path("run"),
+        trajectory=Trajectory(STAMPS, pose),
+        smoothed=None,
+        cone_map=ConeMap.empty(),
+        associations=AssociationRows(t, row, np.full(n, "matched"), ids, np.zeros(n)),
+        timing_ms={},
+        status=StatusRows(STAMPS, np.full(N, "OK"), N * ("",), np.zeros(N, np.int64)),
+        summary={"frames": N, "loop_closures": closures},
+        consistency=ConsistencyRows(STAMPS, np.full(N, 10.0), np.full(N, 10)),
+        pose_cov=PoseCovariances(STAMPS, np.tile(0.01 * np.eye(3), (N, 1, 1))),
+        motion=MotionRows(STAMPS[1:], step, np.zeros(N - 1)),
+        observations=ObservationRows(
+            t, row, xy, np.tile(SIGMA_M**2 * np.eye(2), (n, 1, 1)), ids % 2
+        ),
+    )
+
+
+def sights(pose: Array, yaw: float, ranges: float) -> tuple[IntArray, IntArray, Array]:
+    """Return frame, cone and place of every sight within 12 m ahead."""
+    frame, ids, xy = [], [], []
+    for k in range(len(pose)):
+        seen = to_child(pose[k], cones())
+        near = np.flatnonzero((np.hypot(*seen.T) < 12.0) & (seen[:, 0] > 1.0))
+        frame.append(np.full(len(near), k))
+        ids.append(near)
+        xy.append(to_parent(np.array([0.0, 0.0, yaw]), ranges * seen[near]))
+    return np.concatenate(frame), np.concatenate(ids), np.vstack(xy)
+
+
+def test_a_good_run_is_healthy() -> None:
+    diagnosis = diagnose(drive())
+    assert diagnosis.cause == HEALTHY
+    assert diagnosis.notes == ()
+
+
+@pytest.mark.parametrize(
+    ("fault", "name", "value"),
+    [
+        ({"scale": 0.05}, "scale", 0.05),
+        ({"scale": -0.05}, "scale", -0.05),
+        ({"ranges": 0.95}, "scale", 1 / 0.95 - 1),
+        ({"bias": 0.1}, "yaw_rate_bias", 0.1),
+        ({"yaw": -0.05}, "sensor_yaw", -0.05),
+        ({"late": 0.1}, "stamp_offset", 0.1),
+    ],
+)
+def test_faults_are_estimated_as_they_were_made(
+    fault: dict[str, float], name: str, value: float
+) -> None:
+    case = open_case(drive(**fault), Truth())
+    assert case.fit is not None
+    k = NAMES.index(name)
+    assert case.fit.value[k] == pytest.approx(value, rel=0.05)
+    others = np.delete(case.fit.value, k)
+    assert (np.abs(others) < 0.1 * abs(value)).all()
+    assert case.fit.noise < 1.6
+
+
+def test_faults_are_told_apart_when_there_are_two() -> None:
+    case = open_case(drive(scale=0.04, yaw=0.03), Truth())
+    assert case.fit is not None
+    np.testing.assert_allclose(case.fit.value, [0.04, 0, 0.03, 0], atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("fault", "cause"),
+    [
+        ({"scale": 0.05}, "scale"),
+        ({"ranges": 1.05}, "scale"),
+        ({"bias": -0.1}, "yaw_rate_bias"),
+        ({"yaw": 0.05}, "sensor_yaw"),
+        ({"late": 0.1}, "stamp_offset"),
+        ({"noise": 3.0}, "sensor_noise"),
+    ],
+)
+def test_what_a_sensor_does_wrong_comes_first(
+    fault: dict[str, float], cause: str
+) -> None:
+    run = drive(**fault)
+    run = replace(run, consistency=replace(run.consistency, nis=np.full(N, 30.0)))
+    found = diagnose(run).findings
+    assert found[0].cause == cause
+    assert found[-1].cause == "overconfidence"
+    assert found[-1].measured == pytest.approx(3.0)
+    assert found[0].score == pytest.approx(found[0].measured / found[0].limit)
+
+
+@pytest.mark.parametrize(
+    ("fault", "cause"),
+    [({"scale": 0.05}, "wheel_scale"), ({"ranges": 1.05}, "range_scale")],
+)
+def test_truth_tells_wheels_from_ranges(fault: dict[str, float], cause: str) -> None:
+    truth = Truth(Trajectory(STAMPS, true_pose(STAMPS)))
+    assert diagnose(drive(**fault), truth).cause == cause
+
+
+def test_noise_is_what_it_is_beside_what_is_reported() -> None:
+    case = open_case(drive(noise=2.5), Truth())
+    assert case.fit is not None
+    assert case.fit.noise == pytest.approx(2.5, rel=0.08)
+
+
+def test_a_jump_that_nothing_allows_is_a_false_closure() -> None:
+    run = drive()
+    moved = run.trajectory.pose.copy()
+    moved[100:, 0] += 4.0
+    found = diagnose(replace(run, trajectory=Trajectory(STAMPS, moved))).findings
+    assert found[0].cause == "false_closure"
+    assert found[0].measured == pytest.approx(4.0, abs=1e-6)
+    assert found[0].at_s == STAMPS[100]
+
+
+def test_a_jump_in_which_the_car_was_found_again_is_none() -> None:
+    run = drive()
+    moved = run.trajectory.pose.copy()
+    moved[100:, 0] += 4.0
+    resets = (np.arange(N) >= 100).astype(np.int64)
+    status = replace(run.status, reset_counter=resets)
+    run = replace(run, trajectory=Trajectory(STAMPS, moved), status=status)
+    assert "false_closure" not in [f.cause for f in diagnose(run).findings]
+
+
+def test_visits_to_the_start_without_a_closure_are_missed_closures() -> None:
+    found = diagnose(replace(drive(), summary={"frames": N})).findings
+    assert [f.cause for f in found] == ["missed_closure"]
+    assert found[0].measured == LAPS
+    assert found[0].at_s == pytest.approx(LAP_S, abs=0.2)
+    refused = {"stamp_s": 12.0, "accepted": False, "reason": "only 9 % agree"}
+    run = replace(drive(), summary={"frames": N, "loop_closures": [refused]})
+    assert "only 9 % agree" in diagnose(run).findings[0].evidence
+
+
+def test_an_estimate_that_doubts_its_place_has_drifted() -> None:
+    run = drive()
+    cov = run.pose_cov.cov.copy()
+    cov[100, :2, :2] = 4.5 * np.eye(2)
+    found = diagnose(replace(run, pose_cov=PoseCovariances(STAMPS, cov))).findings
+    assert [f.cause for f in found] == ["drift"]
+    assert found[0].measured == pytest.approx(3.0)
+    assert found[0].at_s == STAMPS[100]
+
+
+def test_wrong_colours_are_counted() -> None:
+    run = drive()
+    named = run.observations.cone_class.copy()
+    wrong = np.random.default_rng(1).random(len(named)) < 0.3
+    named[wrong] = int(ConeClass.ORANGE)
+    observations = replace(run.observations, cone_class=named)
+    found = diagnose(replace(run, observations=observations)).findings
+    assert [f.cause for f in found] == ["wrong_colours"]
+    assert found[0].measured == pytest.approx(wrong.mean(), abs=0.02)
+
+
+def test_few_sights_are_no_false_detections() -> None:
+    run = drive()
+    keep = np.random.default_rng(2).random(len(run.observations)) < 0.05
+    seen, made = run.observations, run.associations
+    few = replace(
+        run,
+        observations=ObservationRows(
+            seen.stamp_s[keep],
+            seen.observation[keep],
+            seen.xy_m[keep],
+            seen.cov_m2[keep],
+            seen.cone_class[keep],
+        ),
+        associations=AssociationRows(
+            made.stamp_s[keep],
+            made.observation[keep],
+            made.status[keep],
+            made.landmark_id[keep],
+            made.d2[keep],
+        ),
+    )
+    assert [f.cause for f in diagnose(few).findings] == ["few_sights"]
+
+
+def test_associations_in_vain_are_counted_unless_the_car_is_lost() -> None:
+    run = drive()
+    idle = replace(run.associations, status=np.full(len(run.associations), "ambiguous"))
+    found = diagnose(replace(run, associations=idle)).findings
+    assert [f.cause for f in found] == ["starved_associations"]
+    assert found[0].measured == 1.0
+    lost = replace(run.status, status=np.full(N, "LOST"))
+    assert diagnose(replace(run, associations=idle, status=lost)).cause == HEALTHY
+
+
+def test_a_cone_with_two_landmarks_is_split() -> None:
+    run = drive()
+    ids = run.associations.landmark_id + 1000 * (run.associations.stamp_s % 2 > 1)
+    split = replace(run.associations, landmark_id=ids)
+    assert diagnose(replace(run, associations=split)).cause == "split_cones"
+
+
+def test_without_odometry_it_says_what_it_cannot_see() -> None:
+    run = replace(drive(scale=0.05), motion=MotionRows.empty())
+    diagnosis = diagnose(run)
+    assert diagnosis.cause == HEALTHY
+    assert "without odometry" in diagnosis.notes[0]
+
+
+def test_a_bad_map_without_an_explanation_is_said() -> None:
+    metrics = {"map": {"rmse_aligned_m": 0.5}}
+    run = drive()
+    diagnosis = diagnose(replace(run, summary={**run.summary, "metrics": metrics}))
+    assert "0.5 m off, and nothing that was found explains it" in diagnosis.notes[0]
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_run_of_an_older_version_or_without_frames_is_looked_at() -> None:
+    run = drive()
+    old = replace(run, motion=MotionRows.empty(), observations=ObservationRows.empty())
+    assert diagnose(old).cause == HEALTHY
+    assert "kept no observations" in diagnose(old).notes[0]
+    none = replace(run, trajectory=Trajectory(np.zeros(0), np.zeros((0, 3))))
+    assert "no path" in diagnose(none).notes[0]
+
+
+def test_sights_are_linked_to_the_nearest_end() -> None:
+    frame = np.array([0, 0, 1, 1, 2, 9], dtype=np.int64)
+    world = np.array([[0, 0], [3, 0], [3.1, 0], [0.2, 0], [0.1, 0], [0.1, 0]], float)
+    stamps = np.arange(10) * 0.1
+    assert linked(frame, world, stamps).tolist() == [0, 1, 1, 0, 0, 5]
