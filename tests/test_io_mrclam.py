@@ -10,6 +10,8 @@ import pytest
 from conegraph.errors import FileFormatError
 from conegraph.io.mrclam import (
     BEARING_SIGMA_RAD,
+    DEPTH_OFFSET_M,
+    DEPTH_PER_M,
     R_DENSITY_DRIVE,
     R_DENSITY_TURN,
     RANGE_SIGMA_M,
@@ -50,9 +52,12 @@ def test_frames_truth_and_rejections(folder: Path) -> None:
     assert frame.stamp_s == 10.2
     assert frame.truth_id is not None
     assert frame.truth_id.tolist() == [6, 7]
-    assert frame.xy_m[0] == pytest.approx([2 * np.cos(0.5), 2 * np.sin(0.5)])
+    ahead_m = (np.array([2.0, 3.0]) - DEPTH_OFFSET_M) / DEPTH_PER_M
+    assert frame.xy_m[:, 0] == pytest.approx(ahead_m)
+    assert frame.xy_m[:, 1] == pytest.approx(ahead_m * np.tan([0.5, -0.25]))
+    range_m = np.hypot(*frame.xy_m.T)
     assert np.linalg.det(frame.cov_m2) == pytest.approx(
-        [(RANGE_SIGMA_M * BEARING_SIGMA_RAD * r) ** 2 for r in (2, 3)]
+        (RANGE_SIGMA_M * BEARING_SIGMA_RAD * range_m) ** 2
     )
     assert frame.class_prob == pytest.approx(np.full((2, 5), 0.2))
     assert read.rejected == {
@@ -65,7 +70,8 @@ def test_frames_truth_and_rejections(folder: Path) -> None:
     }
     assert read.sensor is not None
     assert read.sensor.detection_probability == 0.0
-    assert (read.sensor.min_range_m, read.sensor.max_range_m) == (2.0, 3.0)
+    assert read.sensor.min_range_m == pytest.approx(range_m[0])
+    assert read.sensor.max_range_m == pytest.approx(range_m[1])
     assert read.sensor.half_fov_rad == pytest.approx(0.5)
     assert read.truth_map is not None
     assert read.truth_map.id.tolist() == [6, 7]
@@ -121,6 +127,28 @@ def test_real_drives(
     assert seen == set(range(6, 21))
     stamps = [e.stamp_s for e in read.stream]
     assert stamps == sorted(stamps)
+
+
+@pytest.mark.parametrize("robot", ["Robot1", "Robot2", "Robot3"])
+def test_ranges_hold_across_the_view(data_dir: Path, robot: str) -> None:
+    """Against Vicon they are a sigma and a half off at most, ahead and at the edge."""
+    read = read_mrclam(data_dir / "mrclam6", robot)
+    assert read.truth_map is not None
+    assert read.truth_trajectory is not None
+    post = dict(zip(read.truth_map.id.tolist(), read.truth_map.xy_m, strict=True))
+    truth = read.truth_trajectory
+    bearing, off_m = [], []
+    for frame in (e for e in read.stream if isinstance(e, ConeObservations)):
+        assert frame.truth_id is not None
+        here = [
+            np.interp(frame.stamp_s, truth.stamp_s, truth.pose[:, i]) for i in (0, 1)
+        ]
+        there = np.array([post[i] for i in frame.truth_id.tolist()])
+        off_m += (np.hypot(*frame.xy_m.T) - np.hypot(*(there - here).T)).tolist()
+        bearing += np.arctan2(frame.xy_m[:, 1], frame.xy_m[:, 0]).tolist()
+    for middle in (-0.5, -0.25, 0.0, 0.25, 0.5):
+        part = np.array(off_m)[np.abs(np.array(bearing) - middle) < 0.15]
+        assert abs(np.median(part)) < 1.5 * RANGE_SIGMA_M
 
 
 def test_integrated_noise_matches_its_densities(data_dir: Path) -> None:
