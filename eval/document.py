@@ -112,11 +112,11 @@ class Document:
         verdict: the finding in one sentence, effect first.
         warnings: what to beware of, in sentences.
         sections: the evidence.
-        details: what else was found, in sentences.
+        findings: what else was found, in sentences.
     """
 
     title: str
     verdict: str
     warnings: tuple[str, ...]
     sections: tuple[Section, ...]
-    details: str = ""
+    findings: tuple[str, ...] = ()

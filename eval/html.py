@@ -24,15 +24,15 @@ from conegraph.eval.style import CSS
 def html_text(document: Document) -> str:
     """Return the page: verdict, what to beware of, where to find what, evidence."""
     title = escape(document.title)
-    details = f"\n<p>{_words(document.details)}</p>" if document.details else ""
     return "\n".join(
         [
             '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">',
             '<meta name="viewport" content="width=device-width, initial-scale=1">',
             f"<title>{title}</title>\n<style>{CSS}</style>\n</head>\n<body>",
             f'<header>\n<h1>{title}</h1>\n<p class="verdict">'
-            f"{_words(document.verdict)}</p>{details}\n</header>",
-            _warnings(document.warnings),
+            f"{_words(document.verdict)}</p>\n"
+            f"{_listed(document.findings, 'findings')}\n</header>",
+            _listed(document.warnings, "warnings"),
             _contents(document.sections),
             "<main>",
             *(_section(section) for section in document.sections),
@@ -47,15 +47,16 @@ def anchor(title: str) -> str:
 
 
 def _words(text: str) -> str:
-    """Escape, and keep a number and its unit on one line."""
-    return re.sub(r"(\d) (%|m\b|ms\b|s\b)", r"\1&nbsp;\2", escape(text))
+    """Escape, and keep numbers with their units and intervals on one line."""
+    kept = re.sub(r"(\d) (%|m\b|ms\b|s\b)", r"\1&nbsp;\2", escape(text))
+    return re.sub(r"\[[^\]]*\]", lambda m: m[0].replace(" ", "&nbsp;"), kept)
 
 
-def _warnings(warnings: tuple[str, ...]) -> str:
-    if not warnings:
+def _listed(sentences: tuple[str, ...], kind: str) -> str:
+    if not sentences:
         return ""
-    items = "".join(f"<li>{_words(warning)}</li>" for warning in warnings)
-    return f'<ul class="warnings">{items}</ul>'
+    items = "".join(f"<li>{_words(sentence)}</li>" for sentence in sentences)
+    return f'<ul class="{kind}">{items}</ul>'
 
 
 def _contents(sections: tuple[Section, ...]) -> str:

@@ -17,7 +17,7 @@ from conegraph.eval.document import (
 def markdown_text(document: Document) -> str:
     """Return the report: verdict first, tables with the best in bold."""
     lines = [f"# {document.title}", "", document.verdict, ""]
-    lines += [document.details, ""] if document.details else []
+    lines += [*(f"- {sentence}" for sentence in document.findings), ""]
     lines += [line for warning in document.warnings for line in (f"> {warning}", ">")]
     for section in document.sections:
         shown = [_block(block) for block in section.blocks]

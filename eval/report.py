@@ -98,7 +98,7 @@ def write_report(
         comparison.findings[0],
         comparison.warnings,
         _sections(comparison, runs, metrics, truth),
-        details=" ".join(comparison.findings[1:]),
+        comparison.findings[1:],
     )
     replace_text(folder / "report.json", json_text(comparison, metrics))
     replace_text(folder / "report.md", markdown_text(document))

@@ -15,6 +15,8 @@ h2 { font-size: 1.25rem; margin: 2.5rem 0 .5rem; padding-top: .5rem;
   border-top: 2px solid var(--ink); }
 .verdict { font-size: clamp(1.2rem, 1rem + 1.2vw, 1.65rem); line-height: 1.35;
   font-weight: 600; margin: .5rem 0 1rem; max-width: 60rem; }
+.findings { padding-left: 1.2rem; max-width: 60rem; }
+.findings li { margin: .2rem 0; }
 .warnings { background: var(--warn); border-left: 4px solid var(--edge);
   margin: 1rem 0; padding: .5rem 1rem .5rem 2rem; }
 p, dl, figcaption, caption { overflow-wrap: anywhere; }
@@ -42,12 +44,19 @@ caption { text-align: left; padding: 0 0 .4rem; color: var(--soft);
 th, td { padding: .3rem .7rem; text-align: right; white-space: nowrap; }
 th[scope=row], th[scope=rowgroup], thead th:first-child, .words {
   text-align: left; }
-th[scope=row] { font-weight: normal; min-width: 8rem; white-space: normal; }
+th[scope=row] { font-weight: normal; min-width: 8rem; white-space: normal;
+  position: sticky; left: 0; background: inherit; }
 td.words { white-space: normal; min-width: 12rem; }
 thead th { border-bottom: 2px solid var(--soft); vertical-align: bottom; }
 th[scope=rowgroup] { padding-top: .9rem; }
 td.best { font-weight: 700; }
+tbody tr { background: var(--paper); }
 tbody tr:nth-child(even) { background: var(--stripe); }
+@media (max-width: 40rem) {
+  th, td { padding: .3rem .35rem; }
+  th[scope=row] { min-width: 6.5rem; }
+  td { white-space: normal; }
+  td.words { min-width: 8rem; } }
 .commands { margin: 1rem 0; break-inside: avoid; }
 .commands p { margin: 0 0 .2rem; }
 pre { background: var(--stripe); border: 1px solid var(--line); border-radius: 6px;

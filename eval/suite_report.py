@@ -117,7 +117,7 @@ def suite_document(
     warnings = (*comparison.notes, *truth_notes(rows, series), *_missing(series))
     suites = ", ".join(sorted({row.suite for row in rows}))
     title = f"Benchmark {suites}: {len(rows)} runs"
-    return Document(title, first, warnings, sections, details=" ".join(others))
+    return Document(title, first, warnings, sections, tuple(others))
 
 
 def _in_order(rows: Sequence[SuiteRow]) -> list[SuiteRow]:
