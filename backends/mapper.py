@@ -322,9 +322,11 @@ class Mapper:
         taken: list[Revision] = []
         off = any(self._is_off(loop) for loop in loops)
         if closing or off or self._suspects(doubted):
-            values = self.isam.calculateEstimate()
-            self._start_anew(self._solved(self._base, self.window, values))
+            self._settle(self.isam.calculateEstimate())
             undone = [r for loop in loops for r in self._doubt_loop(loop)]
+            if undone:
+                # What a wrong loop has bent says nothing against other sightings.
+                self._settle(self.isam.calculateEstimate())
             for entry in doubted:
                 taken += self._doubt(entry, self._residual_d2(entry))
             self._remove(self.window)
@@ -334,6 +336,10 @@ class Mapper:
         elif ripe is not None:
             self._loops.stands |= ripe.closed and not self._is_off(ripe)
         return undone + taken
+
+    def _settle(self, values: gtsam.Values) -> None:
+        """Solve the window to convergence from values and go on from there."""
+        self._start_anew(self._solved(self._base, self.window, values))
 
     def _suspects(self, entries: Sequence[Entry]) -> bool:
         return any((self._residual_d2(e) > SUSPECT_D2).any() for e in entries)

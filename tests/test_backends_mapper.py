@@ -194,6 +194,15 @@ def test_a_wrong_closure_is_undone_and_leaves_no_trace(kernel: str) -> None:
     np.testing.assert_allclose(paths[0], paths[1], atol=1e-3)
 
 
+def test_sightings_beside_a_wrong_closure_are_tested_once_it_is_undone() -> None:
+    """They come in one update, so that all are tested while it bends the graph."""
+    poses = path(31)
+    frames = [frame(k, poses, ahead(poses[k])) for k in range(30)]
+    mapper = Mapper(Isam2Config(robust_kernel="none"), NO_BIAS)
+    undone = mapper.update([*frames, wrong_closure(poses, 30)])
+    assert [revision.stamp_s for revision in undone] == pytest.approx([3.0])
+
+
 def test_a_right_closure_stays_and_pulls() -> None:
     mapper = Mapper(CONFIG, NO_BIAS)
     poses = drive(mapper, 30)
