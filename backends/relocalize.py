@@ -68,22 +68,16 @@ class RelocaliserConfig:
         min_inliers: least number of sightings that show a cone of the map.
         temperature: exponent on likelihoods: errors of sightings are not
             independent, and models not exact.
-        nothing: log-likelihood of "the car is nowhere on this map", beside its share
-            for each sighting.
-        nothing_per_sighting: that share; a crowd of cones fits something by chance.
-        margin: log-likelihood by which a hypothesis must lead to verify a closure.
+        chance_per_cone: log-likelihood of a cone that fits by chance: another track of
+            the kind has lanes too.
+        margin: log-likelihood by which a pose must lead to verify a closure.
     """
 
     accept_probability: float = 0.99
     min_inliers: int = 6
     temperature: float = 0.45
-    nothing: float = 8.0
-    nothing_per_sighting: float = 2.0
-    margin: float = 2.0
-
-    def nothing_of(self, n_seen: int) -> float:
-        """Return the log-likelihood of "nowhere on this map" for so many sightings."""
-        return self.nothing + self.nothing_per_sighting * n_seen
+    chance_per_cone: float = 3.6
+    margin: float = 6.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,8 +176,9 @@ class Relocaliser:
 
         Returns:
             The hypotheses, with the probabilities ``P_k = L_k^T / (sum_j L_j^T +
-            L_0^T)``, T the temperature and L_0 the likelihood of "none". The places
-            of the decoy take part in the sum where a pose would be accepted without.
+            L_0^T)``, T the temperature and L_0 the likelihood that the car is on
+            none and the cones of the best fit by chance. The places of the decoy
+            take part in the sum where a pose would be accepted without.
         """
         seen = observations
         if isinstance(seen, ConeObservations):
@@ -193,10 +188,10 @@ class Relocaliser:
         modes = self._modes(self._index, seen)
         if modes is None:
             return Relocalisation(reason="no two cones as far apart as the map's")
-        found = self._judged(len(seen), modes, None)
+        found = self._judged(modes, None)
         if on_map or not found.accepted or self._decoy is None:
             return found
-        return self._judged(len(seen), modes, self._modes(self._decoy, seen))
+        return self._judged(modes, self._modes(self._decoy, seen))
 
     def _modes(self, index: ConeIndex, seen: Sightings) -> ScoredPoses | None:
         """Return the best poses on a map, one a place, most likely first."""
@@ -218,17 +213,18 @@ class Relocaliser:
                 break
         return scored.take(np.array(rows, dtype=np.int64))
 
-    def _judged(
-        self, n_seen: int, modes: ScoredPoses, decoys: ScoredPoses | None
-    ) -> Relocalisation:
-        every = np.append(modes.log_likelihood, self.config.nothing_of(n_seen))
+    def _judged(self, modes: ScoredPoses, decoys: ScoredPoses | None) -> Relocalisation:
+        shows = modes.cone < len(self.cone_map)
+        n, n_seen = int(shows[0].sum()), shows.shape[1]
+        chance = self.config.chance_per_cone * n
+        every = np.append(modes.log_likelihood, chance)
         if decoys is not None:
             every = np.append(every, decoys.log_likelihood)
         weight = np.exp(self.config.temperature * (every - every.max()))
         probability = weight / weight.sum()
         found = []
         for i in range(len(modes.pose)):
-            row = np.flatnonzero(modes.cone[i] < len(self.cone_map)).astype(np.int64)
+            row = np.flatnonzero(shows[i]).astype(np.int64)
             found.append(
                 Hypothesis(
                     modes.pose[i],
@@ -239,7 +235,7 @@ class Relocaliser:
                     modes.cone[i, row],
                 )
             )
-        n, sure = len(found[0].row), found[0].probability
+        sure = found[0].probability
         reason = f"{n} of {n_seen} cones on the map, probability {sure:.4f}"
         accepted = sure > self.config.accept_probability
         accepted &= n >= self.config.min_inliers

@@ -97,7 +97,7 @@ def verify_closure(
         pose: (3,) where a closure would put it.
 
     Returns:
-        The lead over the best other hypothesis or "none"; minus infinity where the
+        The lead over the best other hypothesis or chance; minus infinity where the
         best hypothesis is elsewhere or has too few cones to speak of.
     """
     found = relocaliser.locate(observations, on_map=True)
@@ -109,8 +109,8 @@ def verify_closure(
     ):
         return -np.inf
     rivals = [h.log_likelihood for h in found.hypotheses[1:]]
-    nothing = relocaliser.config.nothing_of(len(observations))
-    return best.log_likelihood - max([*rivals, nothing])
+    chance = relocaliser.config.chance_per_cone * len(best.row)
+    return best.log_likelihood - max([*rivals, chance])
 
 
 def _poses_from_pairs(seen_m: Array, mapped_m: Array) -> Array:
