@@ -9,6 +9,7 @@ import numpy as np
 from conegraph.config import YoloConfig
 from conegraph.errors import FileFormatError
 from conegraph.frontend.base import Candidates, Picture
+from conegraph.frontend.outline import axis_columns, foot_levels
 from conegraph.frontend.scale import GroundScale
 from conegraph.frontend.yolo_engine import SHIPPED, open_engine
 from conegraph.frontend.yolo_layout import decoded, letterboxed, strongest
@@ -61,8 +62,10 @@ class YoloDetector:
         return self._candidates(picture, box_px[whole], score[rows][whole])
 
     def _candidates(self, picture: Picture, box_px: Array, score: Array) -> Candidates:
+        middle, clear = axis_columns(picture, box_px)
+        box_px = box_px.copy()
+        box_px[:, 3] = foot_levels(picture, box_px, middle)
         uv, owner = body_pixels(box_px, picture.shape)
-        middle = 0.5 * (box_px[:, 0] + box_px[:, 2])
         level = box_px[:, 1] + AXIS_LEVEL * (box_px[:, 3] - box_px[:, 1])
         return Candidates(
             box_px,
@@ -71,7 +74,7 @@ class YoloDetector:
             uv,
             owner,
             np.column_stack([middle, level]),
-            touching(box_px),
+            touching(box_px) | ~clear,
         )
 
     def _class_prob(self, score: Array) -> Array:

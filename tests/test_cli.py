@@ -82,6 +82,7 @@ def test_only_what_works_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
         "record",
         "simulate",
         "track",
+        "train-detector",
         "tune",
         "view",
         "bench",

@@ -24,6 +24,8 @@ from conegraph.training.collage import CLASSES
 from conegraph.training.rendered import as_sample
 from conegraph.training.report import SIZES_PX, Precisions, precisions
 
+TRACKS = ("random", "skidpad", "random", "acceleration")
+"""The second and the last have small orange cones."""
 MIN_MEAN, MIN_CLASS = 0.93, 0.88
 MIN_FPS = 50.0
 DUSK_SHARE = 1 / 3
@@ -38,10 +40,10 @@ Done = Callable[[int], None]
 
 @dataclass(frozen=True, slots=True)
 class Shots:
-    """Which drives over random courses are rendered, and how much of each.
+    """Which drives are rendered, and how much of each.
 
     Attributes:
-        seeds: one drive for each, in the lights by turns.
+        seeds: one drive for each, over `TRACKS` and in the lights by turns.
         frames: pictures a drive, evenly spread over its lap.
     """
 
@@ -53,17 +55,18 @@ class Shots:
 
     def all_lights(self) -> list[Shot]:
         """Return the pictures of drives in the lights by turns."""
-        lights = len(LIGHT_NAMES)
         return [
             shot
             for turn, seed in enumerate(self.seeds)
-            for shot in self._of(_drive(seed, turn % lights))
+            for shot in self._of(_drive(seed, turn, turn + turn // len(TRACKS)))
         ]
 
     def dusk(self) -> list[Shot]:
         """Return the pictures of drives at dusk, with a third of its light."""
         dusk = LIGHT_NAMES.index("dusk")
-        shots = [shot for seed in self.seeds for shot in self._of(_drive(seed, dusk))]
+        shots = [
+            shot for seed in self.seeds for shot in self._of(_drive(seed, 0, dusk))
+        ]
         return [(_darkened(frame), truth) for frame, truth in shots]
 
     def _of(self, drive: CameraDrive) -> Iterator[Shot]:
@@ -71,9 +74,10 @@ class Shots:
             yield drive.render(int(index))
 
 
-def _drive(seed: int, light: int) -> CameraDrive:
-    layout = built_in_track("random", seed)
-    return drive_with_camera(layout, laps=1, seed=seed, light=LIGHT_NAMES[light])
+def _drive(seed: int, track: int, light: int) -> CameraDrive:
+    layout = built_in_track(TRACKS[track % len(TRACKS)], seed)
+    name = LIGHT_NAMES[light % len(LIGHT_NAMES)]
+    return drive_with_camera(layout, laps=1, seed=seed, light=name)
 
 
 def _darkened(frame: RgbdFrame) -> RgbdFrame:

@@ -9,6 +9,7 @@ import typer
 
 from conegraph.cli.options import (
     ConfigOption,
+    DetectorOption,
     JsonOption,
     OutOption,
     SaveRrdOption,
@@ -16,6 +17,7 @@ from conegraph.cli.options import (
     SourceArgument,
     ViewOption,
     settle_source,
+    with_detector,
 )
 
 if TYPE_CHECKING:
@@ -34,6 +36,7 @@ def compare(
             help="Back ends, each with its profile if wanted: ekf/thesis.",
         ),
     ] = DEFAULT_BACKENDS,
+    detector: DetectorOption = None,
     config: ConfigOption = None,
     set_: SetOption = None,
     view: ViewOption = False,
@@ -43,8 +46,9 @@ def compare(
     """Run several back ends over one stream and judge them."""
     from conegraph.config import load_config
 
+    settings = with_detector(set_, detector)
     configs = {
-        name: settle_source(source, load_config(config, set_ or [], backend=backend))
+        name: settle_source(source, load_config(config, settings, backend=backend))
         for name, backend in _named(backends).items()
     }
     compare_configs(configs, out, view=view, save_rrd=save_rrd, json_=json_)

@@ -5,11 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 from conegraph.cli.compare import DEFAULT_BACKENDS, compare
-from conegraph.cli.options import OutOption, ViewOption
+from conegraph.cli.options import DetectorOption, OutOption, ViewOption
 
 DRIVE = "sim:random:7?laps=2&seed=1&sensor=rgbd&rate=10&light=bright&odometry=on"
 
 
-def demo(out: OutOption = Path("out/demo"), view: ViewOption = False) -> None:
+def demo(
+    out: OutOption = Path("out/demo"),
+    detector: DetectorOption = None,
+    view: ViewOption = False,
+) -> None:
     """Render two laps, find cones, run both back ends and judge them."""
-    compare(out, DRIVE, DEFAULT_BACKENDS, view=view, save_rrd=True)
+    compare(out, DRIVE, DEFAULT_BACKENDS, detector=detector, view=view, save_rrd=True)

@@ -9,7 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from conegraph.cli.options import ConfigOption, SetOption
+from conegraph.cli.options import (
+    ConfigOption,
+    DetectorOption,
+    SetOption,
+    with_detector,
+)
 from conegraph.errors import ConegraphError, FileFormatError
 
 if TYPE_CHECKING:
@@ -32,10 +37,7 @@ def detect(
     out: Annotated[
         Path, typer.Option("--out", metavar="FILE.csv", help="Table of what is found.")
     ],
-    detector: Annotated[
-        str | None,
-        typer.Option(metavar="hsv[/thesis]", help="Which detector, and its profile."),
-    ] = None,
+    detector: DetectorOption = None,
     pictures: Annotated[
         Path | None,
         typer.Option(
@@ -56,7 +58,7 @@ def detect(
     from conegraph.frontend import make_front_end
     from conegraph.io.detections_csv import DetectionsCsv
 
-    settings = [*(set_ or []), *_chosen(detector)]
+    settings = with_detector(set_, detector)
     front_end = make_front_end(load_config(config, settings))
     folder = None
     if draw:
@@ -74,13 +76,6 @@ def detect(
         print(f"conegraph: left out: {failure}", file=sys.stderr)
     shown = "" if folder is None else f", drawn in {folder}"
     typer.echo(f"{out}: {job.cones} cones in {job.pictures} pictures{shown}")
-
-
-def _chosen(detector: str | None) -> list[str]:
-    if detector is None:
-        return []
-    kind, _, profile = detector.partition("/")
-    return [f"detector.kind={kind}", f"detector.profile={profile or 'default'}"]
 
 
 class _Job:

@@ -38,6 +38,13 @@ SetOption = Annotated[
         help="Override one key, as in association.gate_d2=9. Repeatable.",
     ),
 ]
+DetectorOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="hsv|yolo[/PROFILE]",
+        help="Which detector finds cones in pictures, by colour or learned.",
+    ),
+]
 ViewOption = Annotated[
     bool, typer.Option("--view", help="Show the run live in the Rerun viewer.")
 ]
@@ -63,6 +70,15 @@ def listed(option: str, given: str, allowed: Sequence[str]) -> tuple[str, ...]:
     if not set(words) <= set(allowed):
         raise typer.BadParameter(f"{option} {given!r}: of {', '.join(allowed)}")
     return words
+
+
+def with_detector(settings: Sequence[str] | None, detector: str | None) -> list[str]:
+    """Return the ``KEY=VALUE`` settings with the detector that was chosen, if any."""
+    chosen = list(settings or [])
+    if detector is not None:
+        kind, _, profile = detector.partition("/")
+        chosen += [f"detector.kind={kind}", f"detector.profile={profile or 'default'}"]
+    return chosen
 
 
 def settle_source(source: str, config: Config) -> Config:

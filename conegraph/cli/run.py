@@ -10,6 +10,7 @@ import typer
 
 from conegraph.cli.options import (
     ConfigOption,
+    DetectorOption,
     JsonOption,
     OutOption,
     SaveRrdOption,
@@ -17,6 +18,7 @@ from conegraph.cli.options import (
     SourceArgument,
     ViewOption,
     settle_source,
+    with_detector,
 )
 from conegraph.errors import ConegraphError
 
@@ -38,6 +40,7 @@ def run(
         str | None,
         typer.Option(metavar="ekf|isam2[/PROFILE]", help="Which back end."),
     ] = None,
+    detector: DetectorOption = None,
     config: ConfigOption = None,
     set_: SetOption = None,
     map_: Annotated[
@@ -62,7 +65,9 @@ def run(
 
     if mode is not None and map_ is None:
         raise typer.BadParameter("--mode says what to do with a map: give --map too")
-    settled = settle_source(source, load_config(config, set_ or [], backend=backend))
+    settled = settle_source(
+        source, load_config(config, with_detector(set_, detector), backend=backend)
+    )
     _keep_apart(settled.source, out)
     job = Job(
         settled,
