@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from conegraph.eval.record import Record
-from conegraph.types import Array, IntArray
+from conegraph.types import Array
 
 CONFIDENCE = 0.95
 
@@ -189,11 +189,11 @@ def _clustered(
     for row, sample in zip(table, samples, strict=True):
         row[: len(sample)] = sample
 
-    def of_groups(rows: IntArray, axis: int) -> Array:
-        drawn = table[np.moveaxis(rows, axis, -1)]
+    def of_groups(rows: Array, axis: int) -> Array:
+        drawn = table[np.moveaxis(rows, axis, -1).astype(np.int64)]
         return _middle(drawn.reshape(*drawn.shape[:-2], -1), middle, -1)
 
-    units = (np.arange(len(samples)),)
+    units = [np.arange(len(samples), dtype=np.float64)]
     return _bootstrap(units, of_groups, len(samples) - 1, len(samples), rng)
 
 
@@ -218,8 +218,8 @@ def _stratified(
 
 
 def _bootstrap(
-    data: Sequence[NDArray[np.generic]],
-    statistic: object,
+    data: Sequence[Array],
+    statistic: Callable[..., Array],
     dof: int,
     count: int,
     rng: np.random.Generator,

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from conegraph.errors import FileFormatError
 from conegraph.eval.row import Number, Row
@@ -87,6 +87,9 @@ class SuiteRow(Row):
         return series_file(self.key)
 
 
+_OWN = tuple(name for name in SuiteRow.model_fields if name != "metrics")
+
+
 def row_key(stream: str, contender: str, config_hash: str) -> str:
     """Return the key of a run of a contender, so configured, over a stream."""
     return f"{stream} {contender} {config_hash}"
@@ -133,38 +136,31 @@ def read_results(path: Path) -> tuple[SuiteRow, ...]:
     file = path / RESULTS if path.is_dir() else path
     if not file.is_file():
         raise FileFormatError(file, "no such file: give a folder that bench wrote")
-    names = [metric.name for metric in METRICS]
     try:
         with parquet.ParquetFile(file) as table:
             if table.metadata.num_rows > MAX_ROWS:
                 raise FileFormatError(file, f"has more than {MAX_ROWS} rows")
             flat = table.read().to_pylist()
-        rows = [
-            SuiteRow(
-                metrics={name: cells.get(name) for name in names},
-                **{
-                    name: cells[name]
-                    for name in SuiteRow.model_fields.keys() - {"metrics"}
-                },
-            )
-            for cells in flat
-        ]
+        rows = [_unflattened(cells) for cells in flat]
     except (pa.ArrowException, KeyError, ValidationError) as error:
         reason = f"holds no results of a suite: {' '.join(str(error).split())[:200]}"
         raise FileFormatError(file, reason) from None
     return tuple(rows)
 
 
+def _unflattened(cells: Mapping[str, Any]) -> SuiteRow:
+    """Take a row apart; a figure that it lacks is of a version that had none."""
+    metrics = {metric.name: cells.get(metric.name) for metric in METRICS}
+    return SuiteRow.model_validate(
+        {**{name: cells[name] for name in _OWN}, "metrics": metrics}
+    )
+
+
 def _schema() -> pa.Schema:
     import pyarrow as pa
 
-    kinds = {"odometry": pa.bool_(), "seed": pa.int64(), "laps": pa.int64()}
-    own = [n for n in SuiteRow.model_fields if n != "metrics"]
-    return pa.schema(
-        [
-            *((name, kinds.get(name, pa.string())) for name in own),
-            ("failed", pa.bool_()),
-            ("series", pa.string()),
-            *((metric.name, pa.float64()) for metric in METRICS),
-        ]
-    )
+    columns: dict[str, pa.DataType] = {name: pa.string() for name in _OWN}
+    columns |= {"odometry": pa.bool_(), "seed": pa.int64(), "laps": pa.int64()}
+    columns |= {"failed": pa.bool_(), "series": pa.string()}
+    columns |= {metric.name: pa.float64() for metric in METRICS}
+    return pa.schema(columns)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import zipfile
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,9 +28,8 @@ def write_series(path: Path, series: RunSeries, placed: PlacedMap) -> None:
     Paths are thinned to as many points as the series has samples at most. The file
     appears under its name only when it is complete.
     """
-    thin = replace(
-        placed, path_m=_thin(placed.path_m), true_path_m=_thin(placed.true_path_m)
-    )
+    true_path_m = None if placed.true_path_m is None else _thin(placed.true_path_m)
+    thin = replace(placed, path_m=_thin(placed.path_m), true_path_m=true_path_m)
     found = {name: getattr(series, name) for name in _ALONG}
     found |= {name: getattr(thin, name) for name in _PLACED}
     found = {name: values for name, values in found.items() if values is not None}
@@ -56,7 +56,7 @@ def read_series(path: Path) -> tuple[RunSeries, PlacedMap]:
             columns = {name: archive[name] for name in archive.files}
     except (OSError, ValueError, zipfile.BadZipFile) as error:
         raise FileFormatError(path, f"is no series of a run: {error}") from None
-    wide = {k: _as(v, np.float64, np.int64) for k, v in columns.items()}
+    wide: dict[str, Any] = {k: _as(v, np.float64, np.int64) for k, v in columns.items()}
     try:
         along = RunSeries(**{k: v for k, v in wide.items() if k in _ALONG})
         return along, PlacedMap(**{k: v for k, v in wide.items() if k in _PLACED})
@@ -64,10 +64,9 @@ def read_series(path: Path) -> tuple[RunSeries, PlacedMap]:
         raise FileFormatError(path, f"is no series of a run: {error}") from None
 
 
-def _thin(path_m: Array | None) -> Array | None:
-    if path_m is None or len(path_m) <= MAX_SAMPLES:
-        return path_m
-    return path_m[np.linspace(0, len(path_m) - 1, MAX_SAMPLES).astype(np.int64)]
+def _thin(path_m: Array) -> Array:
+    rows = np.linspace(0, len(path_m) - 1, min(len(path_m), MAX_SAMPLES))
+    return path_m[rows.astype(np.int64)]
 
 
 def _as(

@@ -15,6 +15,7 @@ from conegraph.eval.series import MAX_SAMPLES, PlacedMap, RunSeries
 from conegraph.eval.suite_metrics import BY_NAME, METRICS, why_failed
 from conegraph.eval.suite_rows import RESULTS, SuiteRow, read_results, write_results
 from conegraph.eval.suite_series import read_series, write_series
+from conegraph.io.plain import Plain
 
 FINE = {
     **{metric.name: 0.5 for metric in METRICS},
@@ -105,7 +106,7 @@ def test_when_a_run_counts_as_failed(worse: dict[str, float], reason: str) -> No
 
 def test_a_metric_is_found_by_its_path() -> None:
     metric = BY_NAME["rpe_10m_m"]
-    plain = {"trajectory": {"rpe": [{"rmse_m": 1.0}, {"rmse_m": 2.0}]}}
+    plain: Plain = {"trajectory": {"rpe": [{"rmse_m": 1.0}, {"rmse_m": 2.0}]}}
     assert metric.of(plain) == 2.0
     assert math.isnan(metric.of({"trajectory": {"rpe": []}}))
     assert math.isnan(metric.of({"trajectory": None}))

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from conegraph.bench.cost import frame_cost
 from conegraph.bench.reference_run import refer
-from conegraph.bench.rows import AnyRow, CostRow, Job, ReferenceRow, Row, RunRow
+from conegraph.bench.rows import AnyRow, CostRow, Job, ReferenceRow, RunRow
 from conegraph.bench.run import measure
+from conegraph.eval.row import Row
 
 REFERENCE, COST = "reference", "cost"
 

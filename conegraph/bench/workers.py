@@ -125,14 +125,23 @@ class _Process:
 
 
 def _serve(pipe: Connection) -> None:
-    """Answer until the other end is closed, be it that its process was killed."""
+    """Answer until the other end is closed; whatever it does, end with its owner."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_owner, daemon=True).start()
     while True:
         try:
             function, given = pipe.recv()
             pipe.send(function(given))
         except (EOFError, OSError):
             return
+
+
+def _end_with_owner() -> None:
+    """Wait for the owner, be it that it is killed, and end what is in progress."""
+    owner = multiprocessing.parent_process()
+    if owner is not None:
+        owner.join()
+        os._exit(1)
 
 
 class DaskCluster:
