@@ -112,12 +112,32 @@ class LapRow(Row):
     peak_mb: Number = np.nan
 
 
-class RunRow(Row):
+class JobRow(Row):
+    """What became of a job.
+
+    Attributes:
+        job: what was done.
+        reason: why there is nothing else, empty for a job that came to its end.
+    """
+
+    job: Job
+    reason: str = ""
+
+    @property
+    def key(self) -> str:
+        """That of its job."""
+        return self.job.key
+
+    @property
+    def broke_off(self) -> bool:
+        """Whether there is nothing else."""
+        return bool(self.reason)
+
+
+class RunRow(JobRow):
     """One run of one back end over one stream.
 
     Attributes:
-        job: what was run.
-        reason: why there is nothing else, empty for a finished run.
         frames: accepted frames.
         laps: by true lap.
         map_rmse_m: aligned RMSE of the final map.
@@ -145,8 +165,6 @@ class RunRow(Row):
         wall_s: time of the whole run.
     """
 
-    job: Job
-    reason: str = ""
     frames: int = 0
     laps: tuple[LapRow, ...] = ()
     map_rmse_m: Number = np.nan
@@ -173,16 +191,6 @@ class RunRow(Row):
     wall_s: Number = np.nan
 
     @property
-    def key(self) -> str:
-        """That of its job."""
-        return self.job.key
-
-    @property
-    def broke_off(self) -> bool:
-        """Whether the run did not come to its end."""
-        return bool(self.reason)
-
-    @property
     def map_ratio(self) -> float:
         """Error of the final map over the batch optimum's."""
         return self.map_rmse_m / self.batch_rmse_m
@@ -199,23 +207,11 @@ class RunRow(Row):
         return bool(self.reason) or not fine
 
 
-class CostRow(Row):
+class CostRow(JobRow):
     """Median time of an EKF frame on a map with so many cones."""
 
-    job: Job
     cones: int = 0
     frame_ms: Number = np.nan
-    reason: str = ""
-
-    @property
-    def key(self) -> str:
-        """That of its job."""
-        return self.job.key
-
-    @property
-    def broke_off(self) -> bool:
-        """Whether nothing was measured."""
-        return bool(self.reason)
 
 
 AnyRow = ReferenceRow | CostRow | RunRow

@@ -6,10 +6,10 @@ import multiprocessing
 import os
 import signal
 import threading
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from multiprocessing.connection import Connection
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from conegraph.errors import ConegraphError, MissingDependencyError
 
@@ -28,13 +28,16 @@ class WorkerError(Exception):
     """A worker that ended, or hung, in place of an answer."""
 
 
-class Workers(Protocol):
-    """A context that lends workers to as many threads as ask."""
+class Workers(ABC):
+    """A context that lends workers to as many threads as ask.
 
-    @property
-    def at_once(self) -> int:
-        """How many there are."""
+    Attributes:
+        at_once: how many there are.
+    """
 
+    at_once: int
+
+    @abstractmethod
     def call(self, function: Callable[[A], B], given: A) -> B:
         """Return what a worker answers; importable functions of what pickles only.
 
@@ -42,17 +45,18 @@ class Workers(Protocol):
             WorkerError: it ended, or took longer than `LONGEST_S`.
         """
 
-    def __enter__(self) -> Self: ...
+    @abstractmethod
+    def close(self) -> None:
+        """End what was started; what is in progress is given up."""
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None: ...
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
 
 
-class Processes:
+class Processes(Workers):
     """A process of its own for each thread that asks.
 
     It stays until the end, or is a fresh one for each call, which keeps memory
@@ -81,15 +85,8 @@ class Processes:
             process.end()
         return answer
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
+        """Kill them all."""
         for process in self._all:
             process.end()
 
@@ -144,7 +141,7 @@ def _end_with_owner() -> None:
         os._exit(1)
 
 
-class DaskCluster:
+class DaskCluster(Workers):
     """The workers of a running Dask cluster, which must have this program installed.
 
     Workers of one thread each measure as processes of this machine do.
@@ -183,13 +180,6 @@ class DaskCluster:
             raise WorkerError(f"{type(error).__name__}: {error}") from None
         return answer
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
+        """Leave the cluster, which goes on."""
         self._client.close()

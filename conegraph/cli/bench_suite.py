@@ -52,8 +52,10 @@ def suite(
     backends: Annotated[
         str, typer.Option(metavar="A,B,…", help="Back ends, as ekf or ekf/thesis.")
     ] = "",
-    seeds: Annotated[int, typer.Option(min=0, help="Drives in each way.")] = 0,
-    laps: Annotated[int, typer.Option(min=0, help="Laps a drive.")] = 0,
+    seeds: Annotated[
+        int | None, typer.Option(min=1, help="Drives in each way.")
+    ] = None,
+    laps: Annotated[int | None, typer.Option(min=1, help="Laps a drive.")] = None,
     set_: SetOption = None,
     jobs: Annotated[int, typer.Option(min=0, help="Processes; 0 takes all cores.")] = 0,
     scheduler: Annotated[
@@ -103,7 +105,10 @@ def diff(
     new: Annotated[Path, typer.Argument(metavar="B", help="What to compare with it.")],
     json_: JsonOption = False,
 ) -> None:
-    """Compare two results of a suite, run by run: versions, or configurations."""
+    """Compare two results of a suite, run by run.
+
+    They may be of two versions of the code, or of two configurations.
+    """
     from conegraph.eval.suite_comparison import compare_versions
     from conegraph.eval.suite_rows import read_results
     from conegraph.io.plain import to_plain
