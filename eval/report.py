@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -154,12 +155,16 @@ def figure_table(comparison: Comparison) -> Table:
 
 
 def _replay(folders: tuple[Path, ...]) -> Commands:
-    repeat = [
-        f"conegraph run -c {folder / 'config.toml'} --save-rrd --out {folder}-again"
-        for folder in folders
-    ]
-    show = [f"conegraph view {folder}-again" for folder in folders]
+    lines = []
+    for folder in folders:
+        again = str(folder.with_name(f"{folder.name}-again"))
+        settings = str(folder / "config.toml")
+        lines += [
+            ("conegraph", "doctor", str(folder)),
+            ("conegraph", "run", "-c", settings, "--save-rrd", "--out", again),
+            ("conegraph", "view", again),
+        ]
     return Commands(
-        "Run it again with a recording, and open that in Rerun:",
-        tuple(line for pair in zip(repeat, show, strict=True) for line in pair),
+        "Ask what went wrong; run it again with a recording, and open that in Rerun:",
+        tuple(shlex.join(line) for line in lines),
     )

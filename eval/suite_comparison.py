@@ -135,13 +135,14 @@ def _contender(name: str, rows: Sequence[SuiteRow]) -> Contender:
     return Contender(
         name,
         rate(len(rows) - len(fine), len(rows)),
-        tuple(_median(metric, fine, rng) for metric in METRICS),
+        tuple(median_of(metric, fine, rng) for metric in METRICS),
     )
 
 
-def _median(
+def median_of(
     metric: Metric, rows: Sequence[SuiteRow], rng: np.random.Generator
 ) -> Estimate | None:
+    """Return the median of rows with its interval, None where no row has the metric."""
     values = np.array([row.metrics[metric.name] for row in rows], dtype=np.float64)
     known = np.isfinite(values)
     if not known.any():

@@ -212,5 +212,10 @@ def _worst(rows: Sequence[SuiteRow]) -> tuple[Block, ...]:
         words=frozenset({0, 3}),
     )
     replays = [f"{row.command} --save-rrd" for row in ranked]
-    title = "Replay one of these, in the order of the table, then look at it in Rerun:"
-    return (table, Commands(title, (*replays, "conegraph view out/replay")))
+    run = ranked[0].contender.replace("/", "-")
+    look = ("conegraph view out/replay", f"conegraph doctor out/replay/{run}")
+    title = (
+        "Replay one of these, in the order of the table; then look at it in Rerun and "
+        "ask what went wrong:"
+    )
+    return (table, Commands(title, (*replays, *look)))

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from conegraph.eval.document import Table, TableRow
-from conegraph.eval.statistics import Estimate, estimate
-from conegraph.eval.suite_comparison import SuiteComparison
+from conegraph.eval.statistics import Estimate
+from conegraph.eval.suite_comparison import SuiteComparison, median_of
 from conegraph.eval.suite_metrics import BY_NAME, Metric
 from conegraph.eval.suite_pictures import MAP_ERROR, Grouped, stream_kind
 from conegraph.eval.suite_rows import SuiteRow
@@ -121,22 +121,13 @@ def _with_failures(
     rows: Sequence[SuiteRow], metric: Metric, rng: np.random.Generator
 ) -> str:
     """Return the median of the rows that did not fail, and how many did."""
-    failed = sum(row.failed for row in rows)
-    median = _shown(_median(rows, metric, rng), metric)
+    fine = [row for row in rows if not row.failed]
+    median = _shown(median_of(metric, fine, rng), metric)
+    failed = len(rows) - len(fine)
     if not failed:
         return median
     lost = f"{failed} of {len(rows)} failed"
     return lost if failed == len(rows) else f"{median}, {lost}"
-
-
-def _median(
-    rows: Sequence[SuiteRow], metric: Metric, rng: np.random.Generator
-) -> Estimate | None:
-    fine = [row for row in rows if not row.failed]
-    values = np.array([row.metrics[metric.name] for row in fine], dtype=np.float64)
-    known = np.isfinite(values)
-    tracks = [row.track for row, k in zip(fine, known, strict=True) if k]
-    return estimate(values[known], tracks, "median", rng) if tracks else None
 
 
 def _kind(reason: str) -> str:

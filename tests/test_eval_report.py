@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -307,6 +308,24 @@ def test_runs_without_truth_or_map_are_drawn_as_well(tmp_path: Path) -> None:
     runs = {"ekf": run, "isam2": empty}
     write_report(tmp_path, runs, judged(Truth(), **runs), Truth())
     assert (tmp_path / "report.html").read_text(encoding="utf-8").count("<svg") == 3
+
+
+def test_what_replays_a_run_can_be_typed(tmp_path: Path) -> None:
+    truth, run = truth_and_run()
+    folder = tmp_path / "my runs" / "ekf"
+    folder.mkdir(parents=True)
+    kept = replace(run, folder=folder)
+    write_report(tmp_path, {"ekf": kept}, judged(truth, ekf=kept), truth)
+    lines = (tmp_path / "report.md").read_text(encoding="utf-8").splitlines()
+    commands = [shlex.split(line) for line in lines if line.startswith("conegraph")]
+    again = f"{folder}-again"
+    repeat = "conegraph run -c CONFIG --save-rrd --out AGAIN".split()
+    repeat[3], repeat[-1] = f"{folder}/config.toml", again
+    assert commands == [
+        ["conegraph", "doctor", f"{folder}"],
+        repeat,
+        ["conegraph", "view", again],
+    ]
 
 
 def test_a_folder_that_is_not_there_is_one_error(tmp_path: Path) -> None:

@@ -162,8 +162,11 @@ def test_the_worst_runs_come_with_what_replays_them(both: Written) -> None:
         "conegraph compare 'sim:random:1?seed=3' --backends ekf --out out/replay "
         "--save-rrd"
     )
-    assert commands[-1] == "conegraph view out/replay"
-    assert len(commands) == 11
+    assert commands[-2:] == [
+        "conegraph view out/replay",
+        "conegraph doctor out/replay/ekf",
+    ]
+    assert len(commands) == 12
 
 
 def test_an_effect_that_is_shown_has_its_size(tmp_path: Path) -> None:
