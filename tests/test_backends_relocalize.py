@@ -19,7 +19,7 @@ from conegraph.backends.pose_score import (
     SHOWN,
     refine,
 )
-from conegraph.backends.relocalize import Relocaliser, same_place
+from conegraph.backends.relocalize import Relocaliser, mirror_image, same_place
 from conegraph.backends.sightings import STANDING, Sightings
 from conegraph.backends.start_line import verify_closure
 from conegraph.geometry import compose, to_child
@@ -227,6 +227,36 @@ def test_a_straight_without_ends_in_view_is_not_told_from_the_next_stretch() -> 
     for at in np.linspace(-20, 20, 11):
         frame = view(known, np.array([at, 0.3, 0.05]), 15.0)
         assert not searcher.locate(frame).accepted
+
+
+def test_a_lane_like_any_other_is_not_taken_for_the_map_s() -> None:
+    """A straight is its own mirror image; where the whole map is, that says nothing."""
+    x = np.array([0.0, 3.1, 5.9, 9.5, 12.2, 15.8, 18.0])
+    rows = [np.column_stack([x, np.full_like(x, side)]) for side in (1.75, -1.75)]
+    lane = cone_map(np.vstack(rows), np.repeat([0, 1], len(x)))
+    rest = scattered()
+    course = cone_map(
+        np.vstack([lane.xy_m, rest.xy_m + np.array([80.0, 0.0])]),
+        np.concatenate([lane.cone_class, rest.cone_class]),
+    )
+    frame = view(course, np.array([9.0, 0.2, 0.1]))
+    assert len(frame) == len(lane)
+    somewhere = Relocaliser(course, SENSOR)
+    assert somewhere.locate(frame, on_map=True).accepted
+    assert not somewhere.locate(frame).accepted
+    assert somewhere.locate(view(course, np.array([80.0, 0.0, 1.0]))).accepted
+    assert Relocaliser(lane, SENSOR).locate(frame).accepted
+
+
+def test_a_mirror_image_swaps_left_and_right() -> None:
+    known = scattered()
+    image = mirror_image(known)
+    assert np.allclose(image.xy_m, known.xy_m * [1.0, -1.0])
+    assert (image.cone_class[known.cone_class == 0] == 1).all()
+    assert (image.cone_class[known.cone_class == 2] == 2).all()
+    again = mirror_image(image)
+    assert np.allclose(again.xy_m, known.xy_m)
+    assert np.allclose(again.class_prob, known.class_prob)
 
 
 def test_a_closure_is_verified_only_where_the_whole_map_has_no_better_place() -> None:

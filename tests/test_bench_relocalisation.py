@@ -98,6 +98,8 @@ def test_shares_count_what_is_accepted_and_right() -> None:
     wrong = never_accepted("wrong", queries, 0.005)
     assert wrong.values["share"] == pytest.approx(0.01)
     assert not wrong.met
+    # Wilson's interval of 1 in 100.
+    assert wrong.values["at_most"] == pytest.approx(0.0545, abs=2e-4)
     assert never_accepted("wrong", queries, 0.01).met
     assert never_accepted("wrong", queries[:98], 0.0).met
 

@@ -23,6 +23,7 @@ from conegraph.bench.relocalisation_trials import (
 )
 from conegraph.bench.symmetric import circle, straight
 from conegraph.config import Config, resolve_config
+from conegraph.eval.statistics import rate
 from conegraph.geometry import between
 from conegraph.types import Array, ConeMap, Recording, SensorModel, TrackLayout
 
@@ -217,7 +218,7 @@ def _share(name: str, hits: Sequence[bool], least: float) -> Figure:
 
 
 def never_accepted(name: str, queries: Sequence[Query], most: float) -> Figure:
-    """Return a figure of accepts that are wrong."""
+    """Return a figure of accepts that are wrong, with the end of its interval."""
     wrong = sum(q.accepted and not q.right for q in queries)
     target = f"≤ {100 * most:g} %" if most else "0"
     if not queries:
@@ -228,8 +229,13 @@ def never_accepted(name: str, queries: Sequence[Query], most: float) -> Figure:
         for kind, seconds in product(SENSORS, (0.0, 1.0, 3.0))
         if (some := [q for q in queries if (q.sensor, q.seconds) == (kind, seconds)])
     ]
-    measured = f"{100 * share:.2f} % ({wrong} of {len(queries)}; {', '.join(by)})"
-    return Figure(name, target, measured, share <= most, {"share": share})
+    high = rate(wrong, len(queries)).interval.high
+    measured = (
+        f"{100 * share:.2f} % ({wrong} of {len(queries)}, at most {100 * high:.2f} %; "
+        f"{', '.join(by)})"
+    )
+    values = {"share": share, "at_most": high}
+    return Figure(name, target, measured, share <= most, values)
 
 
 def _lost_figures(counts: Sequence[LostCount]) -> list[Figure]:
