@@ -319,7 +319,7 @@ def test_what_replays_a_run_can_be_typed(tmp_path: Path) -> None:
     lines = (tmp_path / "report.md").read_text(encoding="utf-8").splitlines()
     commands = [shlex.split(line) for line in lines if line.startswith("conegraph")]
     again = f"{folder}-again"
-    repeat = "conegraph run -c CONFIG --save-rrd --out AGAIN".split()
+    repeat = ["conegraph", "run", "-c", "CONFIG", "--save-rrd", "--out", "AGAIN"]
     repeat[3], repeat[-1] = f"{folder}/config.toml", again
     assert commands == [
         ["conegraph", "doctor", f"{folder}"],
