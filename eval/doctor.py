@@ -9,9 +9,9 @@ import numpy as np
 
 from conegraph.eval.doctor_case import open_case
 from conegraph.eval.doctor_causes import CAUSES
-from conegraph.eval.judge import Truth
 from conegraph.eval.record import Record
 from conegraph.io.run_folder import RunFolder
+from conegraph.types import Trajectory
 
 HEALTHY = "healthy"
 BAD_MAP_M = 0.2
@@ -62,18 +62,18 @@ class Diagnosis(Record):
         return self.findings[0].cause if self.findings else HEALTHY
 
 
-def diagnose(run: RunFolder, truth: Truth | None = None) -> Diagnosis:
+def diagnose(run: RunFolder, truth: Trajectory | None = None) -> Diagnosis:
     """Explain a run.
 
     Args:
         run: what it wrote.
-        truth: what is known to be true; without it a wrong scale of odometry cannot
-            be told from one of the ranges.
+        truth: the true path, in any frame; without it a wrong scale of odometry
+            cannot be told from one of the ranges.
     """
     if len(run.trajectory) < 2 or not np.isfinite(run.trajectory.pose).all():
         text = "the run has no path to look at: too short, or with poses that are NaN"
         return Diagnosis((), (text,))
-    case = open_case(run, truth or Truth())
+    case = open_case(run, truth)
     found = []
     for cause in CAUSES:
         evidence = cause.examine(case)

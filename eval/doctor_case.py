@@ -8,10 +8,12 @@ import numpy as np
 
 from conegraph.eval.doctor_fit import SPAN_S, SensorFit, Sights, fit_sensors
 from conegraph.eval.doctor_tracks import chained, linked, placed
-from conegraph.eval.judge import Truth
 from conegraph.geometry import between
 from conegraph.io.run_folder import AssociationRows, ObservationRows, RunFolder
-from conegraph.types import Array, IntArray, Mask, Status
+from conegraph.types import Array, IntArray, Mask, Status, Trajectory
+
+OVERCONFIDENT = 1.25
+"""NIS per degree of freedom that a healthy run does not exceed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +22,7 @@ class Case:
 
     Attributes:
         run: what the run wrote.
-        truth: what is known to be true, if anything.
+        truth: the true path, if it is known.
         stamp_s: (F,) of the frames.
         moved: (F, 3) increments of the causal estimate up to each frame.
         motion: (F, 3) those of odometry, where there is any.
@@ -35,7 +37,7 @@ class Case:
     """
 
     run: RunFolder
-    truth: Truth
+    truth: Trajectory | None
     stamp_s: Array
     moved: Array
     motion: Array
@@ -51,6 +53,12 @@ class Case:
     def driven_m(self) -> float:
         """Distance that odometry says, or the estimate without any."""
         return float(np.hypot(self.motion[:, 0], self.motion[:, 1]).sum())
+
+    @property
+    def nis_per_dof(self) -> float:
+        """NIS per degree of freedom of the whole run, 1 where there is none."""
+        rows = self.run.consistency
+        return float(rows.nis.sum() / rows.dof.sum()) if len(rows) else 1.0
 
     @property
     def worst_nis_s(self) -> float:
@@ -71,7 +79,7 @@ class Case:
         return float(found[count.argmax()] * width_s)
 
 
-def open_case(run: RunFolder, truth: Truth) -> Case:
+def open_case(run: RunFolder, truth: Trajectory | None) -> Case:
     """Prepare a run for questions; one of an older version has no sights."""
     stamp_s, pose = run.trajectory.stamp_s, run.trajectory.pose
     moved = np.zeros((len(stamp_s), 3))
@@ -85,7 +93,9 @@ def open_case(run: RunFolder, truth: Truth) -> Case:
     frame = np.searchsorted(stamp_s, seen.stamp_s).clip(max=len(stamp_s) - 1)
     lost_s = run.status.stamp_s[run.status.status == Status.LOST.value]
     lost = np.isin(stamp_s, lost_s)
-    track = linked(frame, placed(chained(motion)[frame], seen.xy_m), stamp_s)
+    way_m = np.cumsum(np.hypot(motion[:, 0], motion[:, 1]))
+    places = placed(chained(motion)[frame], seen.xy_m)
+    track = linked(frame, places, stamp_s, way_m)
     return Case(
         run=run,
         truth=truth,

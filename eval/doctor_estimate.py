@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from conegraph.eval.doctor_case import Case
+from conegraph.eval.doctor_case import OVERCONFIDENT, Case
 from conegraph.eval.doctor_evidence import Evidence
 from conegraph.geometry import wrap_angle
-from conegraph.types import Array, MatchStatus
+from conegraph.types import Array, ConeClass, MatchStatus
 
 STANDS_OUT_SIGMA = 5.0
 """A correction of the pose beyond so many of its own sigmas is no mere drift."""
@@ -82,7 +82,7 @@ def split_cones(case: Case) -> Evidence | None:
     share = float((landmarks > 1).mean())
     torn = np.isin(case.track, cone[landmarks > 1])
     text = f"{100 * share:.0f} % of the cones were taken for two or more while in view"
-    return Evidence(share, 0.05, case.busiest_s(torn), text)
+    return Evidence(share, 0.1, case.busiest_s(torn), text)
 
 
 def drift(case: Case) -> Evidence | None:
@@ -103,7 +103,9 @@ def drift(case: Case) -> Evidence | None:
 
 
 def missed_closure(case: Case) -> Evidence | None:
-    """Look for visits to the start without a loop closure."""
+    """Look for visits to the start without a loop closure, on a track with colours."""
+    if (case.seen.cone_class == ConeClass.UNKNOWN).all():
+        return None
     pose = case.run.trajectory.pose
     way = np.cumsum(np.hypot(case.moved[:, 0], case.moved[:, 1]))
     missed = []
@@ -150,11 +152,7 @@ def _refusals(case: Case) -> str:
     return f"refused: {refused[-1]}" if refused else "none was even tried"
 
 
-def overconfidence(case: Case) -> Evidence | None:
+def overconfidence(case: Case) -> Evidence:
     """Compare the innovations with what the filter said of them."""
-    rows = case.run.consistency
-    if len(rows) == 0:
-        return None
-    ratio = float(rows.nis.sum() / rows.dof.sum())
-    text = f"NIS per degree of freedom is {ratio:.2f}, where 1 is right"
-    return Evidence(ratio, 1.25, case.worst_nis_s, text)
+    text = f"NIS per degree of freedom is {case.nis_per_dof:.2f}, where 1 is right"
+    return Evidence(case.nis_per_dof, OVERCONFIDENT, case.worst_nis_s, text)

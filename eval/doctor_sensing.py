@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from conegraph.eval.doctor_case import Case
+from conegraph.eval.doctor_case import OVERCONFIDENT, Case
 from conegraph.eval.doctor_evidence import Evidence, Examine
 from conegraph.eval.doctor_fit import NAMES
 from conegraph.types import ConeClass
 
 CERTAIN = 5.0
 """Sigmas from which on a fault of calibration is more than chance."""
+
+EXPLAINS = 0.25
+"""Share of the spread that a fault explains at least if no filter was surprised: real
+errors are not white, and a fit finds something in them."""
 
 NEAR_M = 15.0
 """Detectors find cones beyond this now and then, and name them badly."""
@@ -46,7 +50,8 @@ def fault_of(
         if fit is None:
             return None
         value, sigma = float(fit.value[k]), float(fit.sigma[k])
-        if abs(value) < CERTAIN * sigma:
+        slight = fit.gain[k] < EXPLAINS and case.nis_per_dof < OVERCONFIDENT
+        if slight or abs(value) < CERTAIN * sigma:
             return None
         share = 100 * float(fit.gain[k])
         text = (
@@ -66,7 +71,7 @@ _scale = fault_of(
 
 def _odometry_error(case: Case) -> float:
     """Return by what share odometry's way is too long; NaN where nothing can tell."""
-    path = case.truth.trajectory
+    path = case.truth
     if path is None or not case.has_odometry:
         return float("nan")
     way = np.concatenate(

@@ -7,28 +7,35 @@ import numpy as np
 from conegraph.geometry import rotation
 from conegraph.types import Array, IntArray
 
-LINK_S, LINK_M = 0.5, 1.2
-"""Sights of one cone follow each other within this time, and by odometry no farther
-apart: cones stand at least twice that far from each other."""
+LINK_M = 1.2
+"""Sights of one cone are by odometry no farther apart: cones stand at least twice that
+far from each other."""
+
+LINK_S, LINK_WAY_M = 0.5, 0.3
+"""They follow each other within this time, or within this way of a slow car."""
 
 
-def linked(frame: IntArray, world_m: Array, stamp_s: Array) -> IntArray:
+def linked(frame: IntArray, world_m: Array, stamp_s: Array, way_m: Array) -> IntArray:
     """Return whose sights (N,) are of one cone, by place alone and without any map.
 
     A sight continues the track that ended nearest to it, if both are each other's
-    nearest, not `LINK_M` apart and not `LINK_S`.
+    nearest, and the end is neither too far nor too old.
 
     Args:
         frame: (N,) frame of each sight, ascending.
         world_m: (N, 2) where odometry alone puts it.
         stamp_s: (F,) stamps of the frames.
+        way_m: (F,) driven up to each frame.
     """
+    passed_s = np.diff(stamp_s, prepend=stamp_s[:1]) / LINK_S
+    passed_m = np.diff(way_m, prepend=way_m[:1]) / LINK_WAY_M
+    age = np.cumsum(np.minimum(passed_s, passed_m))
     track = np.arange(len(frame))
-    cuts = np.searchsorted(frame, np.arange(len(stamp_s) + 1))
+    cuts = np.searchsorted(frame, np.arange(len(age) + 1))
     ends = np.zeros(0, dtype=np.int64)
     for k in np.flatnonzero(np.diff(cuts)):
         now = np.arange(cuts[k], cuts[k + 1])
-        ends = ends[stamp_s[k] - stamp_s[frame[ends]] <= LINK_S]
+        ends = ends[age[k] - age[frame[ends]] <= 1.0]
         apart = np.hypot(*(world_m[now, None] - world_m[ends]).transpose(2, 0, 1))
         if len(ends):
             nearest, back = apart.argmin(axis=1), apart.argmin(axis=0)

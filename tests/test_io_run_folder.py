@@ -204,6 +204,14 @@ def test_a_run_that_ended_in_nan_can_be_read(tmp_path: Path) -> None:
     np.testing.assert_array_equal(run.cone_map.xy_m, xy)
 
 
+def test_an_observation_without_a_colour_is_unknown(tmp_path: Path) -> None:
+    made = record(1, n=1)
+    frame = replace(made.observations, class_prob=np.full((1, 5), 0.2))
+    with RunWriter(tmp_path, "") as writer:
+        writer.frame(replace(made, observations=frame))
+    assert read_run(tmp_path).observations.cone_class.tolist() == [ConeClass.UNKNOWN]
+
+
 def test_an_older_run_leaves_nothing_in_a_newer_one(tmp_path: Path) -> None:
     write_run(tmp_path)
     with RunWriter(tmp_path, "") as writer:

@@ -165,7 +165,7 @@ def try_one(trial: Trial) -> Outcome:
         raise RuntimeError(f"{trial.source}: has no truth")
     return Outcome(
         trial,
-        diagnose(result.folder, result.truth).cause,
+        diagnose(result.folder, result.truth.trajectory).cause,
         diagnose(result.folder).cause,
         cones.rmse_aligned_m,
         path.ate_se2.rmse_m,

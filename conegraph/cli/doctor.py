@@ -11,7 +11,7 @@ from conegraph.cli.options import JsonOption
 
 if TYPE_CHECKING:
     from conegraph.eval.doctor import Diagnosis
-    from conegraph.eval.judge import Truth
+    from conegraph.types import Trajectory
 
 
 def doctor(
@@ -22,8 +22,8 @@ def doctor(
     truth: Annotated[
         bool,
         typer.Option(
-            help="Open the run's source again for its truth, where it has one: it "
-            "tells wheels with a wrong radius from a sensor with wrong ranges."
+            help="Use the truth where the run has kept it: it tells wheels with a "
+            "wrong radius from a sensor with wrong ranges."
         ),
     ] = True,
     json_: JsonOption = False,
@@ -34,8 +34,7 @@ def doctor(
     from conegraph.eval.doctor import diagnose
     from conegraph.io.run_folder import read_run
 
-    written = read_run(run)
-    diagnosis = diagnose(written, _truth_of(run) if truth else None)
+    diagnosis = diagnose(read_run(run), _truth_in(run) if truth else None)
     if json_:
         plain = {"cause": diagnosis.cause, **diagnosis.to_dict()}
         typer.echo(json.dumps(plain, indent=2))
@@ -43,21 +42,17 @@ def doctor(
     _show(diagnosis)
 
 
-def _truth_of(run: Path) -> Truth:
-    """Return the truth of the source that a run names, nothing where it is gone."""
-    from conegraph.config import load_config
-    from conegraph.errors import ConegraphError
-    from conegraph.eval.judge import Truth
-    from conegraph.io.run_writer import CONFIG
-    from conegraph.sources import open_source
+def _truth_in(run: Path) -> Trajectory | None:
+    """Return the true path in a run's folder, None where there is none.
 
-    try:
-        config = load_config(run / CONFIG)
-        source = open_source(config.source, seed=config.seed)
-    except (ConegraphError, OSError) as error:
-        typer.echo(f"Without truth: {error}", err=True)
-        return Truth()
-    return Truth(source.truth_trajectory, source.truth_map)
+    Raises:
+        FileFormatError: it is no such file.
+    """
+    from conegraph.io.run_writer import TRUTH
+    from conegraph.io.tum_trajectory import read_tum
+
+    path = run / TRUTH
+    return read_tum(path) if path.exists() else None
 
 
 def _show(diagnosis: Diagnosis) -> None:

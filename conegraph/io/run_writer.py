@@ -25,6 +25,7 @@ from conegraph.io.csv_table import exact, format_rows
 from conegraph.io.plain import to_plain
 from conegraph.types import (
     CLASS_LABELS,
+    N_CLASSES,
     ConeMap,
     ConeObservations,
     FrameRecord,
@@ -243,7 +244,9 @@ def tum_line(t_s: float, x_m: float, y_m: float, yaw_rad: float) -> str:
 def _observation_lines(frame: ConeObservations) -> str:
     """Return the rows of a frame, formatted at once: this is in the frame path."""
     numbers = np.hstack([frame.xy_m, frame.cov_m2.reshape(-1, 4)[:, (0, 1, 3)]])
-    named = [CLASS_LABELS[c] for c in frame.class_prob.argmax(axis=1).tolist()]
+    # Of equally likely classes the last counts: a cone without a colour is unknown.
+    last = N_CLASSES - 1 - frame.class_prob[:, ::-1].argmax(axis=1)
+    named = [CLASS_LABELS[c] for c in last.tolist()]
     rows = zip(range(len(frame)), *numbers.T.tolist(), named, strict=True)
     line = f"{frame.stamp_s:.9f},%d,%.4f,%.4f,%.4g,%.4g,%.4g,%s\n"
     return (line * len(frame)) % tuple(chain.from_iterable(rows))
