@@ -45,7 +45,7 @@ def error_over_distance(
         about: which runs these are, for the title.
     """
     figure, axes = new_axes(
-        "distance driven [m]", "position error [m]", Margins.below_legend(len(runs))
+        "distance driven [m]", "position error [m]", Margins.below_legend(_drawn(runs))
     )
     drawn = _bands(
         axes,
@@ -71,7 +71,7 @@ def nees_over_time(
 ) -> Picture | None:
     """Draw NEES of the causal pose beside its bounds; arguments as above."""
     figure, axes = new_axes(
-        "time [s]", "NEES per dof", Margins.below_legend(len(runs) + 1)
+        "time [s]", "NEES per dof", Margins.below_legend(_drawn(runs) + 1)
     )
     drawn = _bands(
         axes,
@@ -102,7 +102,7 @@ def latency_histogram(
 ) -> Picture | None:
     """Draw how long frames took; arguments as above."""
     figure, axes = new_axes(
-        "time per frame [ms]", "share of frames [%]", Margins.below_legend(len(runs))
+        "time per frame [ms]", "share of frames [%]", Margins.below_legend(_drawn(runs))
     )
     shown: list[Array] = []
     for contender, stroke in strokes(tuple(runs)).items():
@@ -133,7 +133,7 @@ def latency_over_laps(
 ) -> Picture | None:
     """Draw how long the slowest frames of each lap took; arguments as above."""
     figure, axes = new_axes(
-        "lap", "p99 of a frame [ms]", Margins.below_legend(len(runs))
+        "lap", "p99 of a frame [ms]", Margins.below_legend(_drawn(runs))
     )
 
     def lap_times(run: RunSeries) -> tuple[Array, Array]:
@@ -218,6 +218,11 @@ def _resampled(grid: Array, x: Array, y: Array) -> Array:
     """Return y (G,) at the grid, NaN outside of where it is known."""
     known = np.isfinite(x) & np.isfinite(y)
     return np.interp(grid, x[known], y[known], left=np.nan, right=np.nan)
+
+
+def _drawn(runs: Runs) -> int:
+    """Return how many contenders have a run to draw."""
+    return sum(len(of_one) > 0 for of_one in runs.values())
 
 
 def _band_words(runs: Runs) -> str:

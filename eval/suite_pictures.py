@@ -15,6 +15,7 @@ from conegraph.eval.suite_rows import SuiteRow
 from conegraph.eval.suite_series import read_series
 
 MAP_ERROR = "map_rmse_aligned_m"
+NONE = "-"
 
 Grouped = Mapping[str, Sequence[SuiteRow]]
 
@@ -29,6 +30,11 @@ def badness(row: SuiteRow) -> tuple[bool, float]:
     """Return what puts the worst run last: failed ones, then those with bad maps."""
     error_m = row.metrics[MAP_ERROR]
     return row.failed, error_m if math.isfinite(error_m) else math.inf
+
+
+def number_text(value: float, digits: int) -> str:
+    """Return a number with so many decimals, a dash where there is none."""
+    return f"{value:.{digits}f}" if math.isfinite(value) else NONE
 
 
 def stream_kind(row: SuiteRow) -> str:
@@ -105,7 +111,7 @@ def _maps(
         if found is not None:
             failed = f" Failed: {row.reason}." if row.failed else ""
             maps[name] = found[1]
-            titles[name] = f"{name}: {row.metrics[MAP_ERROR]:.3f} m off"
+            titles[name] = f"{name}: {number_text(row.metrics[MAP_ERROR], 3)} m off"
             about[name] = f"{where(row)}.{failed}"
     return draw_overlays(maps, titles, about=about, prefix=prefix)
 

@@ -11,12 +11,9 @@ from conegraph.eval.document import (
     Block,
     Commands,
     Document,
-    Facts,
     Gallery,
     Paragraph,
     Section,
-    Table,
-    TableRow,
 )
 from conegraph.eval.drawing import strokes
 from conegraph.eval.html import html_text
@@ -31,21 +28,24 @@ from conegraph.eval.series_figures import (
 from conegraph.eval.suite_comparison import SuiteComparison, compare_suite
 from conegraph.eval.suite_duels import duel_picture, duel_table
 from conegraph.eval.suite_pictures import (
-    MAP_ERROR,
     Grouped,
     SeriesFolder,
     badness,
     by_contender,
     median_maps,
     sound_series,
-    stream_kind,
     truth_notes,
     way_pictures,
-    where,
     worst_maps,
 )
 from conegraph.eval.suite_rows import RESULTS, SuiteRow, read_results
-from conegraph.eval.suite_tables import contender_table, failure_table, stream_table
+from conegraph.eval.suite_tables import (
+    contender_table,
+    facts,
+    failure_table,
+    stream_table,
+    worst_table,
+)
 from conegraph.io.plain import to_plain
 from conegraph.io.run_writer import replace_text
 
@@ -103,7 +103,7 @@ def suite_document(
     """Return what there is to say of a benchmark's runs."""
     grouped = by_contender(rows)
     found: tuple[tuple[str, tuple[Block, ...]], ...] = (
-        ("What was run", (_facts(rows, grouped),)),
+        ("What was run", (facts(rows, grouped),)),
         ("Who is better", _duels(comparison)),
         ("Every back end by itself", _alone(comparison, grouped)),
         ("Maps over the truth", _maps(grouped, series)),
@@ -149,25 +149,6 @@ def _alone(comparison: SuiteComparison, grouped: Grouped) -> tuple[Block, ...]:
     )
 
 
-def _facts(rows: Sequence[SuiteRow], grouped: Grouped) -> Facts:
-    kinds = sorted({stream_kind(row) for row in rows})
-    tracks = sorted({row.track for row in rows})
-    streams = {row.stream for row in rows}
-    seeds = sorted({row.seed for row in rows})
-    laps = sorted({str(row.laps) for row in rows})
-    return Facts(
-        (
-            ("Runs", f"{len(rows)}, over {len(streams)} streams"),
-            ("Back ends", ", ".join(f"{n} ({len(r)})" for n, r in grouped.items())),
-            ("Tracks", f"{len(tracks)}: {', '.join(tracks)}"),
-            ("Sensors", "; ".join(kinds)),
-            ("Seeds", f"{len(seeds)}, from {seeds[0]} to {seeds[-1]}"),
-            ("Laps", ", ".join(laps)),
-            ("Code", ", ".join(sorted({row.code_version for row in rows}))),
-        )
-    )
-
-
 def _maps(grouped: Grouped, series: SeriesFolder) -> tuple[Block, ...]:
     median, worst = median_maps(grouped, series), worst_maps(grouped, series)
     if not median:
@@ -193,24 +174,6 @@ def _along(grouped: Grouped, series: SeriesFolder) -> tuple[Block, ...]:
 
 def _worst(rows: Sequence[SuiteRow]) -> tuple[Block, ...]:
     ranked = sorted(rows, key=badness, reverse=True)[:WORST]
-    table = Table(
-        "Failed runs first, then those with the largest error of the map.",
-        ("back end", "map error [m]", "greatest path error [m]", "why it failed"),
-        tuple(
-            TableRow(
-                f"{number}. {where(row)}",
-                (
-                    row.contender,
-                    f"{row.metrics[MAP_ERROR]:.3f}",
-                    f"{row.metrics['pose_max_m']:.2f}",
-                    row.reason or "-",
-                ),
-            )
-            for number, row in enumerate(ranked, 1)
-        ),
-        corner="stream",
-        words=frozenset({0, 3}),
-    )
     replays = [f"{row.command} --save-rrd" for row in ranked]
     run = ranked[0].contender.replace("/", "-")
     look = ("conegraph view out/replay", f"conegraph doctor out/replay/{run}")
@@ -218,4 +181,4 @@ def _worst(rows: Sequence[SuiteRow]) -> tuple[Block, ...]:
         "Replay one of these, in the order of the table; then look at it in Rerun and "
         "ask what went wrong:"
     )
-    return (table, Commands(title, (*replays, *look)))
+    return (worst_table(ranked), Commands(title, (*replays, *look)))

@@ -5,18 +5,23 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from conegraph.eval.document import Table, TableRow
+from conegraph.eval.document import Facts, Table, TableRow
 from conegraph.eval.statistics import Estimate
 from conegraph.eval.suite_comparison import SuiteComparison, median_of
 from conegraph.eval.suite_metrics import BY_NAME, Metric
-from conegraph.eval.suite_pictures import MAP_ERROR, Grouped, stream_kind
+from conegraph.eval.suite_pictures import (
+    MAP_ERROR,
+    NONE,
+    Grouped,
+    number_text,
+    stream_kind,
+    where,
+)
 from conegraph.eval.suite_rows import SuiteRow
-
-NONE = "-"
 
 GROUPS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("Map", (MAP_ERROR, "precision", "recall", "duplicates", "colour_errors")),
@@ -28,6 +33,31 @@ GROUPS: tuple[tuple[str, tuple[str, ...]], ...] = (
         ("frame_p50_ms", "frame_p99_ms", "real_time_factor", "peak_mb"),
     ),
 )
+
+
+def facts(rows: Sequence[SuiteRow], grouped: Grouped) -> Facts:
+    """Return what was run."""
+    tracks = sorted({row.track for row in rows})
+    seeds = sorted({row.seed for row in rows})
+    streams = {row.stream for row in rows}
+    said = (
+        ("Runs", f"{len(rows)}, over {len(streams)} streams"),
+        ("Back ends", ", ".join(f"{n} ({len(r)})" for n, r in grouped.items())),
+        ("Tracks", f"{len(tracks)}: {', '.join(tracks)}"),
+        ("Sensors", _each(stream_kind(row) for row in rows)),
+        ("Faults", _each(row.faults for row in rows)),
+        ("Seeds", f"{len(seeds)}, from {seeds[0]} to {seeds[-1]}"),
+        ("Laps", _each(str(row.laps) for row in rows)),
+        ("Settings", _each(row.settings for row in rows)),
+        ("Code", _each(row.code_version for row in rows)),
+    )
+    return Facts(tuple((name, what) for name, what in said if what))
+
+
+def _each(words: Iterable[str]) -> str:
+    """Return the different words in order, nothing where all are empty."""
+    found = sorted(set(words))
+    return "; ".join(word or "none" for word in found) if any(found) else ""
 
 
 def contender_table(comparison: SuiteComparison) -> Table:
@@ -100,6 +130,28 @@ def failure_table(comparison: SuiteComparison, grouped: Grouped) -> Table:
         tuple(found),
         corner="back end",
         words=frozenset({3}),
+    )
+
+
+def worst_table(ranked: Sequence[SuiteRow]) -> Table:
+    """Return runs, the worst first, with their errors and why they failed."""
+    return Table(
+        "Failed runs first, then those with the largest error of the map.",
+        ("back end", "map error [m]", "greatest path error [m]", "why it failed"),
+        tuple(
+            TableRow(
+                f"{number}. {where(row)}",
+                (
+                    row.contender,
+                    number_text(row.metrics[MAP_ERROR], 3),
+                    number_text(row.metrics["pose_max_m"], 2),
+                    row.reason or NONE,
+                ),
+            )
+            for number, row in enumerate(ranked, 1)
+        ),
+        corner="stream",
+        words=frozenset({0, 3}),
     )
 
 

@@ -56,11 +56,12 @@ def headline(duel: Duel) -> str:
         differ.insert(0, _failures(duel))
     else:
         level.append("failures")
-    parts = [", ".join(differ)]
+    parts = [", ".join(differ)] if differ else []
     parts += [f"{NO_DIFFERENCE} in {_listed(level)}"] if level else []
     parts += [f"too few drives to tell of {_listed(unsure)}"] if unsure else []
-    said = "; ".join(part for part in parts if part)
-    return f"{second} beside {first} over {duel.streams} drives: {said}."
+    parts += ["no drive that neither failed on"] if not main else []
+    drives = "1 drive" if duel.streams == 1 else f"{duel.streams} drives"
+    return f"{second} beside {first} over {drives}: {'; '.join(parts)}."
 
 
 def _failures(duel: Duel) -> str:

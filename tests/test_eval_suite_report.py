@@ -202,6 +202,22 @@ def test_one_back_end_alone_is_not_compared(tmp_path: Path) -> None:
     assert "Who is better" not in html
 
 
+def test_back_ends_that_fail_everywhere_are_compared_by_that(tmp_path: Path) -> None:
+    rows = [
+        row(name, f"random:{track}", 0, reason=reason, map_rmse_aligned_m="nan")
+        for name, reason in (("ekf", ""), ("isam2", "ValueError: broke off"))
+        for track in range(8)
+    ]
+    write_results(tmp_path / RESULTS, rows)
+    _, markdown, _ = written(tmp_path)
+    assert markdown.splitlines()[2] == (
+        "isam2 beside ekf over 8 drives: more failures (8 against 0); no drive that "
+        "neither failed on."
+    )
+    assert re.search(r"\| isam2 \| 8 \| 8 \| 100\.0 % .* ValueError 8 \|", markdown)
+    assert "| isam2 | - | 1.00 | ValueError: broke off |" in markdown
+
+
 def test_a_faulty_truth_is_said(tmp_path: Path) -> None:
     folder = benchmark(tmp_path)
     along, _ = series(0.1)
