@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from conegraph.eval.doctor_fit import SPAN_S, SensorFit, Sights, fit_sensors
 from conegraph.eval.doctor_tracks import chained, linked, placed
 from conegraph.geometry import between
-from conegraph.io.run_folder import AssociationRows, ObservationRows, RunFolder
+from conegraph.io.run_folder import (
+    AssociationRows,
+    MotionRows,
+    ObservationRows,
+    RunFolder,
+)
 from conegraph.types import Array, IntArray, Mask, Status, Trajectory
 
 OVERCONFIDENT = 1.25
@@ -81,18 +86,15 @@ class Case:
 
 def open_case(run: RunFolder, truth: Trajectory | None) -> Case:
     """Prepare a run for questions; one of an older version has no sights."""
-    stamp_s, pose = run.trajectory.stamp_s, run.trajectory.pose
-    moved = np.zeros((len(stamp_s), 3))
+    run = _even(run)
+    pose = run.trajectory.pose
+    moved = np.zeros_like(pose)
     moved[1:] = between(pose[:-1], pose[1:])
-    motion = moved.copy()
-    _, at, row = np.intersect1d(stamp_s, run.motion.stamp_s, return_indices=True)
-    motion[at] = run.motion.odometry[row]
-    # A run that was killed may have written one table further than the other.
-    n = min(len(run.observations), len(run.associations))
-    seen, made = run.observations.first(n), run.associations.first(n)
+    told = np.isfinite(run.motion.odometry).all(axis=1)
+    motion = np.where(told[:, None], run.motion.odometry, moved)
+    seen, stamp_s = run.observations, run.motion.stamp_s
     frame = np.searchsorted(stamp_s, seen.stamp_s).clip(max=len(stamp_s) - 1)
-    lost_s = run.status.stamp_s[run.status.status == Status.LOST.value]
-    lost = np.isin(stamp_s, lost_s)
+    lost = run.status.status == Status.LOST.value
     way_m = np.cumsum(np.hypot(motion[:, 0], motion[:, 1]))
     places = placed(chained(motion)[frame], seen.xy_m)
     track = linked(frame, places, stamp_s, way_m)
@@ -102,13 +104,37 @@ def open_case(run: RunFolder, truth: Trajectory | None) -> Case:
         stamp_s=stamp_s,
         moved=moved,
         motion=motion,
-        has_odometry=len(at) > 1,
+        has_odometry=bool(told.any()),
         lost=lost,
         seen=seen,
-        made=made,
+        made=run.associations,
         frame=frame,
         track=track,
         fit=fit_sensors(_sights(stamp_s, motion, lost, seen, frame, track)),
+    )
+
+
+def _even(run: RunFolder) -> RunFolder:
+    """Return a run whose tables speak of the same frames and sights.
+
+    One that was killed may have written some of them further than others, and one of
+    an older version knows no stamps of frames but those of its path.
+    """
+    motion = run.motion
+    if len(motion) == 0:
+        none = np.full((len(run.trajectory), 3), np.nan)
+        motion = MotionRows(run.trajectory.stamp_s, none, none[:, 0])
+    n = min(len(run.trajectory), len(motion), len(run.status))
+    last_s = motion.stamp_s[n - 1]
+    rows = min(len(run.observations), len(run.associations))
+    rows = int(np.searchsorted(run.observations.stamp_s[:rows], last_s, "right"))
+    return replace(
+        run,
+        trajectory=Trajectory(run.trajectory.stamp_s[:n], run.trajectory.pose[:n]),
+        motion=motion.first(n),
+        status=run.status.first(n),
+        observations=run.observations.first(rows),
+        associations=run.associations.first(rows),
     )
 
 

@@ -93,7 +93,7 @@ def drift(case: Case) -> Evidence | None:
     if len(cov) == 0:
         return None
     own = np.sqrt(np.maximum(cov.cov[:, 0, 0] + cov.cov[:, 1, 1], 0.0))
-    k, j = int(np.nanargmax(own)), int(off.argmax())
+    k, j = int(np.argmax(own)), int(off.argmax())
     text = (
         f"the estimate itself doubts its place by up to {own[k]:.2g} m (sigma); the "
         f"greatest correction is {off[j]:.2g} m at {case.stamp_s[j]:.1f} s"

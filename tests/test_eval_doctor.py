@@ -80,7 +80,7 @@ def drive(
         summary={"frames": N, "loop_closures": closures},
         consistency=ConsistencyRows(STAMPS, np.full(N, 10.0), np.full(N, 10)),
         pose_cov=PoseCovariances(STAMPS, np.tile(0.01 * np.eye(3), (N, 1, 1))),
-        motion=MotionRows(STAMPS[1:], step, np.zeros(N - 1)),
+        motion=MotionRows(STAMPS, np.vstack([[3 * [np.nan]], step]), np.zeros(N)),
         observations=ObservationRows(
             t, row, xy, np.tile(SIGMA_M**2 * np.eye(2), (n, 1, 1)), ids % 2
         ),
@@ -265,7 +265,9 @@ def test_a_cone_with_two_landmarks_is_split() -> None:
 
 
 def test_without_odometry_it_says_what_it_cannot_see() -> None:
-    run = replace(drive(scale=0.05), motion=MotionRows.empty())
+    run = drive(scale=0.05)
+    none = np.full((N, 3), np.nan)
+    run = replace(run, motion=MotionRows(STAMPS, none, none[:, 0]))
     diagnosis = diagnose(run)
     assert diagnosis.cause == HEALTHY
     assert "without odometry" in diagnosis.notes[0]
@@ -286,6 +288,23 @@ def test_a_run_of_an_older_version_or_without_frames_is_looked_at() -> None:
     assert "kept no observations" in diagnose(old).notes[0]
     none = replace(run, trajectory=Trajectory(np.zeros(0), np.zeros((0, 3))))
     assert "no path" in diagnose(none).notes[0]
+
+
+def test_estimates_of_later_stamps_than_their_frames_do_no_harm() -> None:
+    late_s = 0.2
+    run = drive()
+    ahead = Trajectory(STAMPS + late_s, true_pose(STAMPS + late_s))
+    assert diagnose(replace(run, trajectory=ahead)).cause == HEALTHY
+
+
+def test_a_run_that_was_killed_is_looked_at_as_far_as_it_got() -> None:
+    run = drive(scale=0.05)
+    seen, n = run.observations, len(run.observations)
+    torn = replace(run, summary={}, observations=seen.first(n - 30))
+    torn = replace(torn, motion=run.motion.first(N - 2))
+    diagnosis = diagnose(torn)
+    assert diagnosis.cause == "scale"
+    assert "did not finish" in diagnosis.notes[0]
 
 
 def test_sights_are_linked_to_the_nearest_end() -> None:

@@ -93,11 +93,14 @@ def test_a_finished_run_reads_back_as_it_was_written(tmp_path: Path) -> None:
     assert run.status.reset_counter.tolist() == [2] * 5
     np.testing.assert_allclose(run.pose_cov.stamp_s, k / 30.0, atol=5e-10)
     np.testing.assert_array_equal(run.pose_cov.cov, np.tile(POSE_COV, (5, 1, 1)))
-    np.testing.assert_allclose(run.motion.stamp_s, np.arange(1, 5) / 30.0, atol=1e-9)
+    np.testing.assert_allclose(run.motion.stamp_s, np.arange(5) / 30.0, atol=1e-9)
+    assert np.isnan(run.motion.odometry[0]).all()
     np.testing.assert_array_equal(
-        run.motion.odometry, np.outer(np.arange(1, 5), (0.25, -0.125, 0.005))
+        run.motion.odometry[1:], np.outer(np.arange(1, 5), (0.25, -0.125, 0.005))
     )
-    np.testing.assert_array_equal(run.motion.yaw_rate_bias_radps, [0.25, 0.5, 0.75, 1])
+    np.testing.assert_array_equal(
+        run.motion.yaw_rate_bias_radps, [NAN, 0.25, 0.5, 0.75, 1]
+    )
     seen = run.observations
     assert seen.observation.tolist() == 5 * [0, 1, 2]
     np.testing.assert_array_equal(seen.xy_m, np.tile([[1.5, -0.25]], (15, 1)))

@@ -60,7 +60,7 @@ INJECTIONS = (
     Injection("sensor_noise", ("noise_scale=2.5", "noise_scale=3")),
     Injection("wrong_colours", ("wrong_colour=0.4", "wrong_colour=0.5")),
     Injection("few_sights", ("missed=0.9", "missed=0.85")),
-    Injection("false_detections", ("false_cones=0.5", "false_cones=0.4")),
+    Injection("false_detections", ("false_cones=0.3", "false_cones=0.25")),
     Injection("false_closure", ("false_start=1",), ("start_line.forced=true",)),
     Injection("starved_associations", settings=("association.gate_d2=1",)),
     Injection("drift", ("odometry=off&missed=0.6",)),

@@ -86,7 +86,7 @@ class RunFolder:
         summary: ``summary.json``; empty if the run did not finish.
         consistency: the innovation of each frame; empty in older runs.
         pose_cov: the covariance of each causal pose; empty in older runs.
-        motion: what odometry said; empty in older runs, and without odometry.
+        motion: what odometry said, frame by frame; empty in older runs.
         observations: the cones of every frame; empty in older runs.
     """
 
@@ -278,8 +278,8 @@ def _read_pose_cov(path: Path, finished: bool) -> PoseCovariances:
 
 def _read_motion(path: Path, finished: bool) -> MotionRows:
     table = _read_columns(path, 5, finished)
-    odometry = np.column_stack([table.floats(k) for k in (1, 2, 3)])
-    return MotionRows(table.floats(0), odometry, table.floats(4))
+    odometry = np.column_stack([table.optional_floats(k) for k in (1, 2, 3)])
+    return MotionRows(table.floats(0), odometry, table.optional_floats(4))
 
 
 def _read_observations(path: Path, finished: bool) -> ObservationRows:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Self
+from dataclasses import dataclass, fields, replace
+from typing import Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,15 @@ from numpy.typing import NDArray
 from conegraph.types import Array, IntArray
 
 Names = NDArray[np.str_]
+Table = TypeVar(
+    "Table", "AssociationRows", "StatusRows", "MotionRows", "ObservationRows"
+)
+
+
+def _first(table: Table, n: int) -> Table:
+    """Return a table cut to its first n rows."""
+    cut = {column.name: getattr(table, column.name)[:n] for column in fields(table)}
+    return replace(table, **cut)
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,13 +45,7 @@ class AssociationRows:
 
     def first(self, n: int) -> AssociationRows:
         """Return the first n rows."""
-        return AssociationRows(
-            self.stamp_s[:n],
-            self.observation[:n],
-            self.status[:n],
-            self.landmark_id[:n],
-            self.d2[:n],
-        )
+        return _first(self, n)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +66,10 @@ class StatusRows:
 
     def __len__(self) -> int:
         return len(self.stamp_s)
+
+    def first(self, n: int) -> StatusRows:
+        """Return the first n rows."""
+        return _first(self, n)
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,9 +130,10 @@ class MotionRows:
     """What odometry said of the motion from frame to frame.
 
     Attributes:
-        stamp_s: (N,) the frame's stamp.
+        stamp_s: (N,) the frame's stamp; the estimate is of a later one where odometry
+            was newer.
         odometry: (N, 3) pose increment since the frame before, in the car frame then,
-            with the yaw rate as measured: m, m, rad.
+            with the yaw rate as measured: m, m, rad; NaN where there was none.
         yaw_rate_bias_radps: (N,) what the estimator takes the bias of that for.
     """
 
@@ -136,9 +144,13 @@ class MotionRows:
     def __len__(self) -> int:
         return len(self.stamp_s)
 
+    def first(self, n: int) -> MotionRows:
+        """Return the first n rows."""
+        return _first(self, n)
+
     @classmethod
     def empty(cls) -> Self:
-        """A run without odometry."""
+        """No frame at all."""
         return cls(np.zeros(0), np.zeros((0, 3)), np.zeros(0))
 
 
@@ -165,13 +177,7 @@ class ObservationRows:
 
     def first(self, n: int) -> ObservationRows:
         """Return the first n rows."""
-        return ObservationRows(
-            self.stamp_s[:n],
-            self.observation[:n],
-            self.xy_m[:n],
-            self.cov_m2[:n],
-            self.cone_class[:n],
-        )
+        return _first(self, n)
 
     @classmethod
     def empty(cls) -> Self:

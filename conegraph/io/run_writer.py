@@ -143,10 +143,12 @@ class RunWriter:
         if made.nis_dof > 0:
             row = f"{made.stamp_s:.9f},{made.nis:.6g},{made.nis_dof}\n"
             self._append(CONSISTENCY, row)
+        cells = ",,,"
         if record.odometry is not None:
             x, y, yaw = record.odometry.delta.tolist()
             bias = record.odometry.yaw_rate_bias_radps
-            self._append(MOTION, f"{t},{x:.9g},{y:.9g},{yaw:.9g},{bias:.6g}\n")
+            cells = f"{x:.9g},{y:.9g},{yaw:.9g},{bias:.6g}"
+        self._append(MOTION, f"{made.stamp_s:.9f},{cells}\n")
         self.revise(record.revisions)
 
     def revise(self, revisions: Sequence[Revision]) -> None:
