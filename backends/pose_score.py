@@ -75,12 +75,14 @@ class ScoredPoses:
         pose: (h, 3).
         cov: (h, 3, 3) their covariances.
         log_likelihood: (h,) over "all that is seen is clutter", natural log.
+        misfit: (h,) squared Mahalanobis distance of what fits, per degree of freedom.
         cone: (h, n) the cone that each sighting shows, M for none.
     """
 
     pose: Array
     cov: Array
     log_likelihood: Array
+    misfit: Array
     cone: IntArray
 
     def take(self, rows: IntArray) -> ScoredPoses:
@@ -89,6 +91,7 @@ class ScoredPoses:
             self.pose[rows],
             self.cov[rows],
             self.log_likelihood[rows],
+            self.misfit[rows],
             self.cone[rows],
         )
 
@@ -148,10 +151,12 @@ def refine(
     gains = np.where(best, np.log(placed.gain + 1.0 - SHOWN), alone)
     cone = np.where(best, placed.cone, index.n)
     missed = _missed(index, seen, cone, poses, sensor)
+    freedom = np.maximum(2 * np.count_nonzero(best, axis=1) - 3, 1)
     return ScoredPoses(
         poses,
         np.asarray(np.linalg.inv(H), dtype=np.float64),
         gains.sum(axis=1) + np.log(REMOVED + (1.0 - REMOVED) * missed).sum(axis=1),
+        np.where(best, _mahalanobis(placed), 0.0).sum(axis=1) / freedom,
         cone,
     )
 

@@ -70,13 +70,16 @@ class RelocaliserConfig:
             independent, and models not exact.
         chance_per_cone: log-likelihood of a cone that fits by chance: another track of
             the kind has lanes too.
+        max_misfit: largest squared Mahalanobis distance per degree of freedom of what
+            fits: a place that is right fits to the noise, one alike does not.
         margin: log-likelihood by which a pose must lead to verify a closure.
     """
 
     accept_probability: float = 0.99
     min_inliers: int = 6
-    temperature: float = 0.45
+    temperature: float = 0.5
     chance_per_cone: float = 3.6
+    max_misfit: float = 1.3
     margin: float = 6.0
 
 
@@ -235,10 +238,16 @@ class Relocaliser:
                     modes.cone[i, row],
                 )
             )
-        sure = found[0].probability
-        reason = f"{n} of {n_seen} cones on the map, probability {sure:.4f}"
-        accepted = sure > self.config.accept_probability
-        accepted &= n >= self.config.min_inliers
+        sure, misfit = found[0].probability, float(modes.misfit[0])
+        reason = (
+            f"{n} of {n_seen} cones on the map, {misfit:.1f} times their noise, "
+            f"probability {sure:.4f}"
+        )
+        accepted = (
+            sure > self.config.accept_probability
+            and n >= self.config.min_inliers
+            and misfit <= self.config.max_misfit
+        )
         return Relocalisation(tuple(found), accepted, reason)
 
 

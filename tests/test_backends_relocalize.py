@@ -132,6 +132,7 @@ def test_log_likelihood_and_covariance_in_closed_form() -> None:
     information += np.diag([0.01, 0.01, 0.1])
     assert np.allclose(np.linalg.inv(scored.cov[0]), information, rtol=1e-6)
     assert scored.cone.tolist() == [[0, 1, 2, 3]]
+    assert scored.misfit[0] == pytest.approx(0.0, abs=1e-12)
 
     # Seen double, once 10 cm off: the nearer sighting has the cone, the other none.
     again = frame.subset(np.array([0, 1, 2, 3, 0]))
@@ -246,6 +247,21 @@ def test_a_lane_like_any_other_is_not_taken_for_the_map_s() -> None:
     assert not somewhere.locate(frame).accepted
     assert somewhere.locate(view(course, np.array([80.0, 0.0, 1.0]))).accepted
     assert Relocaliser(lane, SENSOR).locate(frame).accepted
+
+
+def test_a_place_that_fits_worse_than_the_noise_is_not_accepted() -> None:
+    known, pose = scattered(), np.array([3.0, -4.0, 1.0])
+    exact = view(known, pose)
+    searcher = Relocaliser(known, SENSOR)
+    draw = np.random.default_rng(5).standard_normal(exact.xy_m.shape)
+    var = SIGMA_M**2 + 1e-4 + MAP_SIGMA_M**2
+    for sigmas, fits in ((0.9, True), (1.6, False)):
+        xy = exact.xy_m + sigmas * np.sqrt(var) * draw
+        found = searcher.locate(replace(exact, xy_m=xy))
+        assert found.best is not None
+        assert same_place(found.best.pose, pose)[0]
+        assert found.probability > 0.99
+        assert found.accepted == fits, found.reason
 
 
 def test_a_mirror_image_swaps_left_and_right() -> None:
