@@ -10,10 +10,10 @@ import pytest
 
 from conegraph.errors import FileFormatError
 from conegraph.training.average_precision import Boxes, average_precision, overlaps
-from conegraph.training.backdrop import make_sheets
 from conegraph.training.batches import STEPS_A_ROUND, Crops
 from conegraph.training.collage import CLASSES, HEIGHT_PX, WIDTH_PX, make_collages
 from conegraph.training.folder import read_folder
+from conegraph.training.palette import make_sheets
 from conegraph.training.photometric import photographed
 from conegraph.training.sample import IGNORED, Sample, crop
 from conegraph.types import Array, IntArray

@@ -87,3 +87,19 @@ def test_training_goes_on_where_it_was_interrupted(tmp_path: Path) -> None:
     interrupted.write_bytes(b"nothing")
     with pytest.raises(FileFormatError, match="is no checkpoint"):
         train(plan, crops, interrupted, stop)
+
+
+def test_the_command_goes_on_only_when_asked(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from conegraph.cli import main
+
+    def said(*arguments: str) -> str:
+        with pytest.raises(SystemExit) as ended:
+            main(["train-detector", "--out", str(tmp_path), *arguments])
+        assert ended.value.code == 1
+        return capsys.readouterr().err
+
+    assert "no such file to --resume" in said("--resume")
+    (tmp_path / "checkpoint.pt").write_bytes(b"")
+    assert "go on with it by --resume" in said()

@@ -13,8 +13,8 @@ from itertools import count
 import cv2
 import numpy as np
 
-from conegraph.training.backdrop import Sheets, make_sheets
 from conegraph.training.collage import make_collages
+from conegraph.training.palette import Sheets, make_sheets
 from conegraph.training.photometric import photographed
 from conegraph.training.sample import Sample, crop
 

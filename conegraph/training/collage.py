@@ -6,16 +6,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from conegraph.sim.render.clutter import make_thing
-from conegraph.training.backdrop import Sheets, paint_backdrop, vivid, write
-from conegraph.training.cone_sprite import (
-    Sprite,
-    draw_look,
-    draw_sprite,
-    paste,
-    placed,
-)
+from conegraph.training.backdrop import paint_backdrop
+from conegraph.training.cone_look import draw_look, placed
+from conegraph.training.cone_sprite import Sprite, draw_sprite, paste
+from conegraph.training.palette import Sheets
 from conegraph.training.sample import IGNORED, Sample
+from conegraph.training.things import own_nose, things_ahead
 from conegraph.training.view import Floats, View, draw_view
 from conegraph.types import Array, ConeClass
 
@@ -28,7 +24,7 @@ CLASSES = (
 )
 LEAST_VISIBLE = 0.35
 """Cones of which less is seen are neither asked for nor wrong."""
-MAX_CONES, MAX_THINGS = 45, 12
+MAX_CONES = 45
 
 
 def make_collages(count: int, sheets: Sheets, rng: np.random.Generator) -> list[Sample]:
@@ -66,7 +62,7 @@ def _furnished(
         if sprite is not None:
             cones.append((float(np.hypot(*xy)), row, sprite))
     things: list[tuple[float, int, Sprite]] = [
-        (away, -1, sprite) for away, sprite in _things(view, near, far, rng)
+        (away, -1, sprite) for away, sprite in things_ahead(view, near, far, rng)
     ]
     alone = np.zeros(len(at), dtype=np.int64)
     for _, row, sprite in sorted([*cones, *things], key=lambda item: -item[0]):
@@ -144,85 +140,13 @@ def _mirrored(picture: Floats, sprite: Sprite, share: float) -> None:
     paste(picture, None, flipped, -1)
 
 
-def _things(
-    view: View, near: float, far: float, rng: np.random.Generator
-) -> list[tuple[float, Sprite]]:
-    """Return pictures of things that are no cones, and how far away they are."""
-    wide = 0.6 * view.width_px / view.focal_px
-    found = []
-    for _ in range(int(rng.integers(0, MAX_THINGS))):
-        away = np.exp(rng.uniform(np.log(max(2 * near, 3.0)), np.log(2.5 * far)))
-        if rng.random() < 0.55:
-            picture, width, height = make_thing(rng)
-            bottom = 0.0
-        else:
-            picture, width, height = _oddment(rng)
-            bottom = 0.0 if rng.random() < 0.6 else rng.uniform(0.0, 2.0)
-        foot = np.array([[away, away * rng.uniform(-wide, wide), bottom]])
-        uv, depth = view.pixels(foot)
-        scale = view.focal_px / max(float(depth[0]), 0.5)
-        size = (int(width * scale), int(height * scale))
-        if min(size) < 2 or max(size) > 1200:
-            continue
-        small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA).astype(
-            np.float32
-        )
-        cover = small[..., 3] / 255
-        left, top = int(uv[0, 0] - size[0] / 2), int(uv[0, 1] - size[1])
-        color = small[..., :3] * cover[..., None] * np.float32(rng.uniform(0.6, 1.2))
-        found.append((float(away), Sprite(left, top, color, cover, np.zeros(4))))
-    return found
-
-
-def _oddment(rng: np.random.Generator) -> tuple[NDArray[np.uint8], float, float]:
-    """Return a shape in a cone's colours that is no cone: a sign, a flag, a bucket."""
-    width, height = rng.uniform(0.15, 1.2, 2) * (1.0 if rng.random() < 0.7 else 2.5)
-    side = 96
-    sprite = np.zeros((side, side, 4), np.uint8)
-    ink = (*vivid(rng).tolist(), 255.0)
-    kind = rng.random()
-    if kind < 0.3:
-        cv2.rectangle(sprite, (2, 2), (side - 3, side - 3), ink, -1)
-    elif kind < 0.5:
-        cv2.ellipse(sprite, (48, 48), (46, 46), 0, 0, 360, ink, -1)
-    else:
-        corners = rng.uniform(0, side, (int(rng.integers(3, 7)), 2))
-        cv2.fillConvexPoly(sprite, cv2.convexHull(corners.astype(np.int32)), ink)
-    for _ in range(int(rng.integers(0, 4))):
-        part = np.sort(rng.integers(0, side, 2))
-        band = (
-            sprite[part[0] : part[1]]
-            if rng.random() < 0.5
-            else sprite[:, part[0] : part[1]]
-        )
-        band[..., :3] = vivid(rng).astype(np.uint8)
-    if rng.random() < 0.3:
-        color = sprite[..., :3].astype(np.float32)
-        write(color, vivid(rng), rng)
-        sprite[..., :3] = np.clip(color, 0, 255).astype(np.uint8)
-    return sprite, float(width), float(height)
-
-
 def _foreground(
     picture: Floats, label: NDArray[np.int16], rng: np.random.Generator
 ) -> None:
-    """Put the car's own nose, a fence or a frame in front of it all, sometimes."""
+    """Put the car's own nose or a fence in front of it all, sometimes."""
     rows, columns = label.shape
     if rng.random() < 0.35:
-        top = rows * rng.uniform(0.68, 0.95)
-        middle = columns * rng.uniform(0.3, 0.7)
-        for _ in range(int(rng.integers(2, 9))):
-            away = rng.normal(0, 0.22) * columns
-            at = np.array([middle + away, rows * rng.uniform(0.85, 1.05)])
-            spread = np.array([0.13 * columns, 0.12 * rows])
-            corners = at + rng.normal(0, 1, (int(rng.integers(4, 8)), 2)) * spread
-            corners[:, 1] = np.maximum(corners[:, 1], top)
-            hull = cv2.convexHull(corners.astype(np.int32))
-            color = (
-                vivid(rng) if rng.random() < 0.4 else np.full(3, rng.uniform(10, 80))
-            )
-            cv2.fillConvexPoly(picture, hull, color.tolist(), cv2.LINE_AA)
-            cv2.fillConvexPoly(label, hull, -1)
+        paste(picture, label, own_nose(columns, rows, rng), -1)
     if rng.random() < 0.08:
         step, slope = int(rng.integers(12, 50)), rng.uniform(-1.2, 1.2)
         wire = [rng.uniform(40, 190)] * 3
