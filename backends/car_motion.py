@@ -15,7 +15,7 @@ from conegraph.backends.motion import (
     yaw_rate_bias_sigma,
 )
 from conegraph.backends.odometry_queue import OdometryQueue
-from conegraph.backends.standstill import StandstillWatch, standing
+from conegraph.backends.standstill import WINDOW_S, StandstillWatch, standing
 from conegraph.config import MotionConfig
 from conegraph.types import Array
 
@@ -55,7 +55,7 @@ class CarMotion:
         start = filter_.vehicle
         if self._config.odometry_as_input:
             self.increment = self.queue.take(before_s, stamp_s)
-            if self.increment is not None and self._stands(stamp_s):
+            if self.increment is not None and self._stands(before_s, stamp_s):
                 self.increment = standing(self.increment)
                 self.frames_standing += 1
             else:
@@ -72,8 +72,10 @@ class CarMotion:
         self.noise = self.noise + step.Q
         return float(np.hypot(*(step.state[:2] - start[:2])))
 
-    def _stands(self, stamp_s: float) -> bool:
-        return self._config.standstill and self._standstill.stands(stamp_s)
+    def _stands(self, before_s: float, stamp_s: float) -> bool:
+        """Whether the car has stood ever since the frame before."""
+        told = stamp_s - before_s <= WINDOW_S
+        return self._config.standstill and told and self._standstill.stands(stamp_s)
 
     def repeat(
         self, filter_: LandmarkFilter, dt_s: float, increment: OdometryIncrement | None

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from conegraph.backends import make_backend
+from conegraph.backends.car_motion import CarMotion
+from conegraph.backends.landmark_filter import LandmarkFilter
 from conegraph.backends.motion import OdometryIncrement
 from conegraph.backends.standstill import (
     SIGMAS,
@@ -18,7 +20,7 @@ from conegraph.backends.standstill import (
     standing,
 )
 from conegraph.backends.tracker import Tracker
-from conegraph.config import resolve_config
+from conegraph.config import MotionConfig, resolve_config
 from conegraph.sim.cone_sensor import CAMERA, LIDAR
 from conegraph.sim.drive import simulate
 from conegraph.sim.odometry import OdometrySensor
@@ -86,6 +88,19 @@ def test_a_standing_increment_is_none_and_says_so_sharply() -> None:
     # A turn of 1 ± 1 rad in a tenth of a second was the gyro's bias.
     assert stood.bias is not None
     np.testing.assert_allclose(stood.bias, (10.0, 10.0))
+
+
+def test_a_step_in_which_the_car_turned_and_stopped_is_not_one_of_standing() -> None:
+    """One frame a second: half of it the car turns at 1 rad/s, half of it it stands."""
+    config = MotionConfig()
+    motion, filter_ = CarMotion(config), LandmarkFilter()
+    motion.advance(filter_, 0.0)
+    for n in range(101):
+        turning = 1.0 if n < 50 else 0.0
+        motion.queue.push(VelocityObservation(0.01 * n, 0.0, turning, COV))
+    motion.advance(filter_, 1.0)
+    assert filter_.vehicle[2] == pytest.approx(0.5, abs=0.01)
+    assert motion.frames_standing == 0
 
 
 @cache
