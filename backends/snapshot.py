@@ -24,7 +24,8 @@ class Snapshot:
         k: number of the frame that it speaks of.
         stamp_s: that frame's stamp.
         state: (6 + 2 n,) the car and the n cones near it.
-        cov: covariance of these *given the pose*, whose own rows are all but zero.
+        cov: covariance of these *as seen from the pose*, whose own rows are all but
+            zero.
         ids: (n,) the cones near the car.
         pose_cov: (3, 3) covariance of the pose in the world.
         all_ids: (m,) every cone.
@@ -44,11 +45,13 @@ class Snapshot:
 def take_snapshot(mapper: Mapper, radius_m: float) -> Snapshot:
     """Read the last pose and the cones within a radius from the graph.
 
-    Covariances are conditioned on the pose, ``C_LL - C_Lp C_pp^-1 C_pL``: what the
-    next frame can test is where cones are relative to the car, and linearising a
-    filter about a pose that is uncertain in the world by far more than the sensor
-    is precise breaks it. Speeds that the graph does not carry (while odometry
-    spans the frames) are taken from the tracker.
+    Covariances are of the cones relative to the car: that is what the next frame can
+    test, and linearising a filter about a pose that is uncertain in the world by far
+    more than the sensor is precise breaks it. A cone at ``r = l - p`` has the error
+    ``e_l - e_p - e_psi J r``, J the quarter turn: cones seen lately are sharp, those
+    of the last visit carry all the drift since. (Given the pose they would all be
+    sharp, and a loop could only be closed within the sensor's noise.) Speeds that the
+    graph does not carry (while odometry spans the frames) are taken from the tracker.
 
     Args:
         mapper: the graph, solved.
@@ -80,8 +83,12 @@ def take_snapshot(mapper: Mapper, radius_m: float) -> Snapshot:
     turn[:2, :2] = rotation(pose[2])
     joint = turn @ joint @ turn.T
     pose_cov = joint[:3, :3].copy()
-    gain = np.linalg.solve(pose_cov, joint[:3])
-    joint = joint - joint[:, :3] @ gain
+    away = state[NV:] - np.tile(pose[:2], len(ids))
+    seen = np.eye(len(joint))
+    first = len(joint) - len(away)
+    seen[first:, :2] = np.tile(-np.eye(2), (len(ids), 1))
+    seen[first::2, 2], seen[first + 1 :: 2, 2] = away[1::2], -away[::2]
+    joint = seen @ joint @ seen.T
     cov = np.zeros((len(state), len(state)))
     target = np.array(place)
     used = target >= 0

@@ -224,7 +224,7 @@ def test_a_solver_that_cannot_be_used_any_more_is_rebuilt() -> None:
     np.testing.assert_allclose(settled(mapper).pose, poses, atol=5e-3)
 
 
-def test_a_snapshot_is_the_graph_given_the_pose() -> None:
+def test_a_snapshot_is_the_graph_as_seen_from_the_pose() -> None:
     mapper = Mapper(CONFIG, MOTION)
     poses = drive(mapper, 20)
     shot = take_snapshot(mapper, 8.0)
@@ -243,11 +243,36 @@ def test_a_snapshot_is_the_graph_given_the_pose() -> None:
     assert not shot.cov[:3, 3:].any()
     # No velocities in the graph while odometry spans it: the tracker's stay.
     np.testing.assert_array_equal(shot.cov[3:5, 3:5], np.eye(2))
-    # Given the pose, a cone is known better than in the world.
-    for n, cone in enumerate(shot.ids.tolist()):
-        block = shot.cov[6 + 2 * n : 8 + 2 * n, 6 + 2 * n : 8 + 2 * n]
-        assert np.trace(block) <= np.trace(mapper.cone_cov_m2(cone)) + 1e-9
     assert np.linalg.eigvalsh(shot.pose_cov)[0] > 0.0
+
+
+def test_a_snapshot_shows_old_cones_through_all_the_drift() -> None:
+    """One cone is seen in the first frame only, another in the last frame only."""
+    mapper, poses, last = Mapper(CONFIG, NO_BIAS), path(31, rate=0.0), 30
+    cones = {0: np.array([4.0, 1.5]), 1: poses[last, :2] + [4.0, 1.5]}
+    for k in range(last + 1):
+        shown = {0: [0], last: [1]}.get(k, [])
+        seen = np.array([cones[c] for c in shown]).reshape(-1, 2)
+        mapper.update([frame(k, poses, shown, seen=to_child(poses[k], seen))])
+    shot = take_snapshot(mapper, 30.0)
+    noise = SIGMA_M**2 * np.eye(2)
+    # Straight on, n steps of d: heading n q, aside q d^2 (1 + 4 + … + (n-1)^2) + n q_y.
+    step, q, q_xy = 0.5, 1e-6, 1e-4
+    n = np.arange(float(last))
+    heading, aside = last * q, q * step**2 * (n**2).sum() + last * q_xy
+    both = q * step * n.sum()
+    drift = np.array([[last * q_xy, 0, 0], [0, aside, both], [0, both, heading]])
+    away = cones[0] - poses[last, :2]
+    by_pose = np.array([[-1.0, 0.0, away[1]], [0.0, -1.0, -away[0]]])
+    old, new = (
+        shot.cov[6 + 2 * i : 8 + 2 * i, 6 + 2 * i : 8 + 2 * i]
+        for i in (shot.ids.tolist().index(c) for c in (0, 1))
+    )
+    # The start's own doubt is in the cone too, where it cancels.
+    np.testing.assert_allclose(
+        old, by_pose @ drift @ by_pose.T + noise, rtol=1e-3, atol=1e-7
+    )
+    np.testing.assert_allclose(new, noise, rtol=1e-3, atol=1e-7)
 
 
 def test_a_biased_lap_is_straightened_by_the_final_solution() -> None:
