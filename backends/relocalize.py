@@ -70,6 +70,7 @@ class RelocaliserConfig:
             independent, and models not exact.
         chance_per_cone: log-likelihood of a cone that fits by chance: another track of
             the kind has lanes too.
+        elsewhere: log of the odds that the car is on another track of the kind.
         max_misfit: largest squared Mahalanobis distance per degree of freedom of what
             fits: a place that is right fits to the noise, one alike does not.
         margin: log-likelihood by which a pose must lead to verify a closure.
@@ -79,6 +80,7 @@ class RelocaliserConfig:
     min_inliers: int = 6
     temperature: float = 0.5
     chance_per_cone: float = 3.6
+    elsewhere: float = -5.0
     max_misfit: float = 1.3
     margin: float = 6.0
 
@@ -180,8 +182,9 @@ class Relocaliser:
         Returns:
             The hypotheses, with the probabilities ``P_k = L_k^T / (sum_j L_j^T +
             L_0^T)``, T the temperature and L_0 the likelihood that the car is on
-            none and the cones of the best fit by chance. The places of the decoy
-            take part in the sum where a pose would be accepted without.
+            none and the cones of the best fit by chance. Where a pose would be
+            accepted, the places of the decoy take part in the sum as well, with the
+            odds `RelocaliserConfig.elsewhere`.
         """
         seen = observations
         if isinstance(seen, ConeObservations):
@@ -222,7 +225,8 @@ class Relocaliser:
         chance = self.config.chance_per_cone * n
         every = np.append(modes.log_likelihood, chance)
         if decoys is not None:
-            every = np.append(every, decoys.log_likelihood)
+            there = decoys.log_likelihood + self.config.elsewhere
+            every = np.append(every, there)
         weight = np.exp(self.config.temperature * (every - every.max()))
         probability = weight / weight.sum()
         found = []

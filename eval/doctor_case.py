@@ -90,7 +90,7 @@ def open_case(run: RunFolder, truth: Trajectory | None) -> Case:
     pose = run.trajectory.pose
     moved = np.zeros_like(pose)
     moved[1:] = between(pose[:-1], pose[1:])
-    told = np.isfinite(run.motion.odometry).all(axis=1)
+    told = np.isfinite(run.motion.odometry[:, 0])
     motion = np.where(told[:, None], run.motion.odometry, moved)
     seen, stamp_s = run.observations, run.motion.stamp_s
     frame = np.searchsorted(stamp_s, seen.stamp_s).clip(max=len(stamp_s) - 1)

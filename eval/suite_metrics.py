@@ -139,7 +139,7 @@ METRICS: tuple[Metric, ...] = (
     ),
     _cost("cpu_s", "processor time of the run", "s", "cpu_s"),
     _cost("wall_s", "time of the run", "s", "wall_s"),
-    _cost("peak_mb", "peak memory", "MB", "peak_mb"),
+    _cost("peak_mb", "memory that the run added", "MB", "peak_mb"),
 )
 """The columns, in the order in which they are shown."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import math
 import time
 from collections.abc import Mapping
@@ -12,7 +11,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from conegraph.bench.code_version import code_version
-from conegraph.bench.memory import PeakMemory
+from conegraph.bench.memory import PeakMemory, give_back
 from conegraph.bench.suite import SuiteJob
 from conegraph.config import load_config
 from conegraph.eval.series import placed_map, run_series
@@ -58,17 +57,18 @@ def _stream(text: str) -> Source:
 def _measured(job: SuiteJob) -> Outcome:
     """Run as ``conegraph compare`` does, with its files in a folder that is dropped."""
     source, memory = _stream(job.source), PeakMemory()
-    config = load_config(None, job.settings, backend=job.backend)
+    pipeline = Pipeline(load_config(None, job.settings, backend=job.backend), source)
     with TemporaryDirectory(prefix="conegraph-bench-") as name:
         folder = Path(name)
-        gc.collect()
+        give_back()
         memory.take_mb()
+        before_mb = memory.take_mb()
         began_s, began_cpu_s = time.perf_counter(), time.process_time()
-        result = Pipeline(config, source).run(folder)
+        result = pipeline.run(folder)
         cost = {
             "wall_s": time.perf_counter() - began_s,
             "cpu_s": time.process_time() - began_cpu_s,
-            "peak_mb": memory.take_mb(),
+            "peak_mb": memory.take_mb() - before_mb,
         }
         series = _series(result, folder / SERIES)
     if result.metrics is None:
