@@ -16,6 +16,10 @@ LEAST_DT_S = 0.02
 LONGEST_DT_S = 0.15
 """A single frame counts no longer than this, however long none came."""
 
+LEAST_CONES = 3
+"""Cones without which a frame says nothing: one that does not fit may be a new one, or
+was paired wrongly before; several at once mean that the car is elsewhere."""
+
 FITS_D2 = 13.8
 """Largest squared Mahalanobis distance between a sighting and a cone it may show."""
 
@@ -51,7 +55,7 @@ class LostMonitor:
     ) -> None:
         """Take a frame that the filter has been corrected with.
 
-        A frame without cones, or where neither map nor frame has any, says nothing.
+        A frame that counts too few cones, `LEAST_CONES`, says nothing.
 
         Args:
             map_: cones and car.
@@ -63,7 +67,7 @@ class LostMonitor:
         if len(frame) == 0 or len(map_.row) == 0:
             return
         fitting, counted = agreement(map_, frame, self._sensor, whole_map=whole_map)
-        if counted == 0:
+        if counted < LEAST_CONES:
             return
         weight = min(max(dt, LEAST_DT_S), LONGEST_DT_S) / MEMORY_S
         self.share += weight * (fitting / counted - self.share)

@@ -8,7 +8,12 @@ import numpy as np
 import pytest
 
 from conegraph.backends.local_map import LocalMap
-from conegraph.backends.lost import MEMORY_S, LostMonitor, agreement
+from conegraph.backends.lost import (
+    LEAST_CONES,
+    MEMORY_S,
+    LostMonitor,
+    agreement,
+)
 from conegraph.config import Config
 from conegraph.geometry import to_child
 from conegraph.types import Array, ConeMap, ConeObservations, SensorModel
@@ -86,3 +91,14 @@ def test_empty_frames_and_an_empty_map_say_nothing() -> None:
         monitor.frame(on_map(ring()), frame, whole_map=True)
         monitor.frame(LocalMap(Config()), seen(ring().xy_m, 0.1 * n), whole_map=True)
     assert monitor.share == 1.0
+
+
+@pytest.mark.parametrize(
+    ("n_cones", "lost"), [(LEAST_CONES - 1, False), (LEAST_CONES, True)]
+)
+def test_a_few_cones_that_do_not_fit_are_no_proof(n_cones: int, lost: bool) -> None:
+    map_, monitor = on_map(ring()), LostMonitor(BLIND, 0.5)
+    turned = to_child(np.array([0.0, 0.0, np.pi / 10]), ring().xy_m[:n_cones])
+    for n in range(100):
+        monitor.frame(map_, seen(turned, 0.2 * n), whole_map=True)
+    assert monitor.lost == lost
