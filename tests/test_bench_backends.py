@@ -214,12 +214,12 @@ def test_the_yardstick_is_judged_by_its_own_spread() -> None:
         ReferenceRow(key=str(n), map_rmse_m=0.1, map_bound_m=0.1, map_bound_sigma=0.2)
         for n in range(16)
     ]
-    fine = named(accuracy_figures([], rows), "batch optimum")
+    fine = named(accuracy_figures([], rows), "batch optimum / Cram")
     # Two standard deviations of the mean square: 2 * 0.2 / 4.
     assert fine.values["high"] == pytest.approx(np.sqrt(1.1))
     assert fine.met
     twice = [row.model_copy(update={"map_rmse_m": 0.2}) for row in rows]
-    assert named(accuracy_figures([], twice), "batch optimum").met is False
+    assert named(accuracy_figures([], twice), "batch optimum / Cram").met is False
 
 
 def test_growth_and_cost() -> None:
