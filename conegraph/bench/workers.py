@@ -8,13 +8,11 @@ import signal
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from importlib import import_module
 from multiprocessing.connection import Connection
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import Any, Self, TypeVar
 
 from conegraph.errors import ConegraphError, MissingDependencyError
-
-if TYPE_CHECKING:
-    from distributed import Client
 
 LONGEST_S = 3600.0
 """A measurement that takes longer has hung."""
@@ -155,13 +153,13 @@ class DaskCluster(Workers):
             ConegraphError: no scheduler answers there, or it has no workers.
         """
         try:
-            from distributed import Client
+            distributed: Any = import_module("distributed")
         except ImportError:
             raise MissingDependencyError(
                 "--scheduler needs Dask: pip install 'conegraph[dask]'"
             ) from None
         try:
-            self._client: Client = Client(address, timeout=CONNECT_S)
+            self._client = distributed.Client(address, timeout=CONNECT_S)
         except (OSError, ValueError, TypeError) as error:
             raise ConegraphError(
                 f"--scheduler {address}: no Dask scheduler answers ({error})"
