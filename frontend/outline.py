@@ -14,8 +14,8 @@ from conegraph.frontend.base import Picture
 from conegraph.frontend.surround import LEAST_STRENGTH
 from conegraph.types import Array, Mask
 
-BODY_LEVELS = np.linspace(0.2, 0.8, 13)
-"""How far down a box its sides are looked for."""
+BODY_LEVELS = np.linspace(0.2, 0.65, 13)
+"""How far down a box its sides are sought: above the foot, whose corners stick out."""
 SIDES = np.linspace(-0.5, 0.5, 41)
 """Where the sides are looked for, in widths of the box from its middle."""
 N_BESIDE = 3

@@ -95,23 +95,23 @@ class YoloDetector:
 def body_pixels(box_px: Array, shape: tuple[int, ...]) -> tuple[IntArray, IntArray]:
     """Return pixels (M, 2) on the cones that boxes (N, 4) hold, and their owners (M,).
 
-    They lie between the sides of an upright cone, sorted by owner, each once.
+    They lie between the sides of an upright cone, sorted by owner. Of cones that hide
+    one another a pixel shows the one whose foot is lowest in the picture.
     """
-    size = box_px[:, 2:] - box_px[:, :2]
-    half = HALF_TOP + (HALF_FOOT - HALF_TOP) * LEVELS
-    u = (0.5 + half[:, None] * ACROSS) * size[:, 0, None, None] + box_px[
-        :, 0, None, None
-    ]
-    low = np.ceil(box_px[:, 3] - 0.5)
-    v = box_px[:, 1, None] + LEVELS * (low - box_px[:, 1])[:, None]
+    rank = np.argsort(-box_px[:, 3], kind="stable")
+    left, top, right, low = box_px[rank].T[:, :, None, None]
+    half = HALF_TOP + (HALF_FOOT - HALF_TOP) * LEVELS[:, None]
+    column = left + (0.5 + half * ACROSS) * (right - left)
+    row = top + LEVELS[:, None] * (np.ceil(low - 0.5) - top)
     rows, columns = shape[:2]
-    column = np.clip(np.round(u), 0, columns - 1).astype(np.int64)
-    row = np.clip(np.round(v), 0, rows - 1).astype(np.int64)
-    owner = np.arange(len(box_px))[:, None, None]
-    index = (owner * rows + row[:, :, None]) * columns + column
-    flat = np.unique(index)
-    place, at = np.divmod(flat, columns)
-    return np.column_stack([at, place % rows]), place // rows
+    u = np.clip(np.round(column), 0, columns - 1).astype(np.int64)
+    v = np.clip(np.round(row), 0, rows - 1).astype(np.int64)
+    # The first of equal pixels is the nearest cone's, as boxes are ranked.
+    pixel, first = np.unique(v * columns + u, return_index=True)
+    owner = rank[first // (LEVELS.size * ACROSS.size)].astype(np.int64)
+    order = np.argsort(owner, kind="stable")
+    v, u = np.divmod(pixel[order], columns)
+    return np.column_stack([u, v]), owner[order]
 
 
 def touching(box_px: Array) -> Mask:

@@ -126,7 +126,7 @@ class YoloConfig(Section):
     """Width and height of its input, for models that take only one; else zeros."""
     max_side_px: Annotated[int, Field(ge=1, le=4096)] = 1280
     """Larger pictures are made smaller first."""
-    min_score: Annotated[float, Field(gt=0, lt=1)] = 0.3
+    min_score: Annotated[float, Field(gt=0, lt=1)] = 0.4
     """Boxes with a lower score are no cones."""
     overlap: Annotated[float, Field(gt=0, lt=1)] = 0.5
     """Of boxes that overlap by more (intersection over union) one stays."""
