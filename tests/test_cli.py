@@ -84,6 +84,7 @@ def test_only_what_works_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
         "track",
         "train-detector",
         "tune",
+        "doctor",
         "view",
         "bench",
         "config",

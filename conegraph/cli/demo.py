@@ -15,5 +15,5 @@ def demo(
     detector: DetectorOption = None,
     view: ViewOption = False,
 ) -> None:
-    """Render two laps, find cones, run both back ends and judge them."""
+    """Render two laps, run both back ends over them, and judge."""
     compare(out, DRIVE, DEFAULT_BACKENDS, detector=detector, view=view, save_rrd=True)

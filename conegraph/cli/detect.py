@@ -53,7 +53,7 @@ def detect(
     config: ConfigOption = None,
     set_: SetOption = None,
 ) -> None:
-    """Find cones in pictures; write a table, and draw what was found."""
+    """Find cones in pictures; write a table and drawings."""
     from conegraph.config import load_config
     from conegraph.frontend import make_front_end
     from conegraph.io.detections_csv import DetectionsCsv

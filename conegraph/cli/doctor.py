@@ -28,7 +28,7 @@ def doctor(
     ] = True,
     json_: JsonOption = False,
 ) -> None:
-    """Say what is wrong with a run, the likeliest cause first, and when to look."""
+    """Say what is wrong with a run, the likeliest cause first."""
     import json
 
     from conegraph.eval.doctor import diagnose

@@ -46,7 +46,7 @@ def track(
     plot: Annotated[Picture, typer.Option(help="Format of the picture.")] = Picture.PNG,
     json_: JsonOption = False,
 ) -> None:
-    """Find the track between the cones of a map; write and draw it."""
+    """Find the track in a cone map; write and draw it."""
     from conegraph.config import load_config
     from conegraph.track import detect_track
     from conegraph.track.files import SUMMARY, write_track

@@ -60,7 +60,7 @@ def train_detector(
         ),
     ] = False,
 ) -> None:
-    """Train the learned detector, on a GPU if there is one."""
+    """Train the learned detector, on a GPU if possible."""
     if find_spec("torch") is None or find_spec("onnx") is None:
         raise MissingDependencyError(
             "training needs PyTorch and onnx: pip install 'conegraph[train]'"

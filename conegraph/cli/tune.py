@@ -46,7 +46,7 @@ def tune(
     ] = SensorNoise.MODEL,
     json_: JsonOption = False,
 ) -> None:
-    """Estimate sensor and motion noise from a log; write a config."""
+    """Estimate the noise from a log; write a config."""
     import json
 
     from conegraph.backends.tuning import tune as estimate
