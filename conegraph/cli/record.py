@@ -43,7 +43,7 @@ def record(
         bool, typer.Option(help="In a folder: PNG in place of JPEG for colour.")
     ] = False,
 ) -> None:
-    """Record a camera into a folder of pictures or a RealSense file."""
+    """Record a camera into pictures or one file."""
     from conegraph.sources import open_stream
 
     stream = open_stream(source)
