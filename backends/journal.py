@@ -140,7 +140,7 @@ class Journal:
         )
         entry.kept = np.concatenate([entry.kept, np.ones(len(cone), dtype=bool)])
         for one in cone.tolist():
-            self.sightings[one] += 1
+            self.sightings[one] = self.sightings.get(one, 0) + 1
         return Revision(frame.stamp_s, found.row, cone, d2, MatchStatus.MATCHED)
 
     def drop(self, entry: Entry) -> None:

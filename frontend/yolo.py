@@ -15,9 +15,9 @@ from conegraph.frontend.yolo_engine import SHIPPED, open_engine
 from conegraph.frontend.yolo_layout import decoded, letterboxed, strongest
 from conegraph.types import CLASS_LABELS, N_CLASSES, Array, ConeClass, IntArray, Mask
 
-LEVELS = np.linspace(0.25, 1.0, 24)
+LEVELS = np.linspace(0.25, 1.0, 20)
 """How far down a box pixels are taken for the cone's; the top may be the sky."""
-ACROSS = np.linspace(-1.0, 1.0, 17)
+ACROSS = np.linspace(-1.0, 1.0, 13)
 HALF_TOP, HALF_FOOT = 0.04, 0.34
 """Half widths of a cone's body at top and foot, in widths of its box."""
 AXIS_LEVEL = 0.45

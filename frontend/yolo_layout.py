@@ -98,8 +98,8 @@ def strongest(
     Of two that overlap by more than ``overlap`` (intersection over union) the
     stronger stays, whatever their classes: a cone has one colour.
     """
-    order = np.argsort(-score, kind="stable")[:MAX_CANDIDATES]
-    order = order[score[order] >= min_score]
+    likely = np.flatnonzero(score >= min_score)
+    order = likely[np.argsort(-score[likely], kind="stable")][:MAX_CANDIDATES]
     sized = np.hstack([box_px[order, :2], box_px[order, 2:] - box_px[order, :2]])
     kept = cv2.dnn.NMSBoxes(sized.tolist(), score[order].tolist(), min_score, overlap)
     return order[np.asarray(kept, dtype=np.int64).ravel()].astype(np.int64)

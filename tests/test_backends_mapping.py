@@ -313,7 +313,7 @@ def test_frames_go_on_while_the_graph_is_solved_elsewhere() -> None:
 
 
 def test_a_second_look_gives_back_what_was_left_aside() -> None:
-    """Every third sighting of the second lap is not claimed at first; the map ends as good."""
+    """Every third sighting of lap two is not claimed at first; the map ends as good."""
     whole = ring(2)
     parted = [
         left_aside(f, np.arange(len(f.row)) % 3 == 0) if k > LAP else f

@@ -63,7 +63,8 @@ def test_a_random_track_may_name_its_own_seed() -> None:
         ("lap=3", "sim: has no key 'lap'; did you mean laps?"),
         (
             "noise=3",
-            "sim: has no key 'noise'; did you mean noise_scale? (it has laps, seed, sensor, odometry, ",
+            "sim: has no key 'noise'; did you mean noise_scale? "
+            "(it has laps, seed, sensor, odometry, ",
         ),
         ("laps=0", "sim: 'laps=0': expected a whole number, 1 to 1000"),
         ("laps=1e9", "sim: 'laps=1e9': expected a whole number, 1 to 1000"),

@@ -74,13 +74,17 @@ def rendered_scene(seed: int, index: int) -> list[Sample]:
     return found
 
 
-def as_sample(picture: NDArray[np.uint8], truth: FrameTruth) -> Sample:
-    """Return a rendered picture with the boxes of its cones as labels."""
+def as_sample(
+    picture: NDArray[np.uint8], truth: FrameTruth, max_range_m: float = np.inf
+) -> Sample:
+    """Return a rendered picture with the boxes of its cones; far ones are ignored."""
     rows, columns = picture.shape[:2]
     number = np.full(len(CLASSES) + 1, IGNORED)
     number[[int(c) for c in CLASSES]] = np.arange(len(CLASSES))
     kind = number[truth.cone_class]
-    kind = np.where(truth.visible_fraction >= LEAST_VISIBLE, kind, IGNORED)
+    near = np.hypot(*truth.xy_m.T) <= max_range_m
+    asked = near & (truth.visible_fraction >= LEAST_VISIBLE)
+    kind = np.where(asked, kind, IGNORED)
     seen = truth.visible_px > 0
     box, kind = clipped(truth.box_px[seen] + 0.5, kind[seen], columns, rows)
     return Sample(picture, box, kind)

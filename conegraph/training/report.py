@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from conegraph.config import YoloConfig
-from conegraph.frontend.base import Picture
 from conegraph.frontend.yolo import YoloDetector
 from conegraph.training.average_precision import Boxes, average_precision
 from conegraph.training.collage import CLASSES
 from conegraph.training.sample import Sample
+from conegraph.types import Array
 
 SIZES_PX = ((8.0, 16.0), (16.0, 32.0), (32.0, np.inf))
 LEAST_PX = 8.0
@@ -46,9 +46,15 @@ def precisions(
     detector = YoloDetector(YoloConfig(model=model, min_score=LEAST_SCORE))
     found, real = [], []
     for count, sample in enumerate(samples, 1):
-        found.append(_found(detector, sample.picture))
-        real.append(Boxes(sample.box_px, sample.kind, np.ones(len(sample.kind))))
+        seen = detector.find(sample.picture)
+        found.append(as_boxes(seen.box_px, seen.class_prob, seen.score))
+        real.append(true_boxes(sample))
         done(count)
+    return judged(found, real)
+
+
+def judged(found: Sequence[Boxes], real: Sequence[Boxes]) -> Precisions:
+    """Return how well what was found in each picture fits what is there."""
     kinds = range(len(CLASSES))
     return Precisions(
         tuple(average_precision(found, real, k, (LEAST_PX, np.inf)) for k in kinds),
@@ -59,7 +65,12 @@ def precisions(
     )
 
 
-def _found(detector: YoloDetector, picture: Picture) -> Boxes:
-    seen = detector.find(picture)
-    kind = seen.class_prob[:, [int(c) for c in CLASSES]].argmax(axis=1)
-    return Boxes(seen.box_px + 0.5, kind.astype(np.int64), seen.score)
+def as_boxes(box_px: Array, class_prob: Array, score: Array) -> Boxes:
+    """Return what a detector found, whose pixels' middles have whole numbers."""
+    kind = class_prob[:, [int(c) for c in CLASSES]].argmax(axis=1)
+    return Boxes(box_px + 0.5, kind.astype(np.int64), score)
+
+
+def true_boxes(sample: Sample) -> Boxes:
+    """Return the boxes that a picture is labelled with."""
+    return Boxes(sample.box_px, sample.kind, np.ones(len(sample.kind)))
