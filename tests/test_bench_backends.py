@@ -18,6 +18,7 @@ from conegraph.bench.lap_truth import true_lap_ends
 from conegraph.bench.latency_figures import latency_figures
 from conegraph.bench.memory import PeakMemory
 from conegraph.bench.plan import ACCURACY, KNOWN, LONG, LONG_LAPS, SIZES, Plan
+from conegraph.bench.pose_figures import pose_figures
 from conegraph.bench.rows import AnyRow, CostRow, Job, LapRow, ReferenceRow, RunRow
 from conegraph.bench.run import as_they_came
 from conegraph.bench.run_log import RunLog
@@ -165,7 +166,8 @@ def test_figures_of_perfect_runs_are_met_and_of_bad_ones_are_not() -> None:
         r.model_copy(update={"job": r.job.model_copy(update={"group": KNOWN})})
         for r in fine
     ]
-    figures = accuracy_figures([*fine, *known], [])
+    runs = [*fine, *known]
+    figures = [*accuracy_figures(runs, []), *pose_figures(runs, [])]
     missed = [f.name for f in figures if f.met is False]
     # Equal back ends cannot differ by 0.6.
     assert missed == [named(figures, "hardest quarter").name]
@@ -200,7 +202,7 @@ def test_hard_streams_are_those_where_the_filter_errs_most() -> None:
         run("isam2", track=f"random:{n}", ate_2_laps_m=0.1 if n < 6 else 0.04 * (n + 1))
         for n in range(8)
     ]
-    hard = named(accuracy_figures([*ekf, *isam2], []), "hardest quarter")
+    hard = named(pose_figures([*ekf, *isam2], []), "hardest quarter")
     assert hard.values == {
         "median": pytest.approx(0.4),
         "worst": pytest.approx(0.4),
@@ -220,6 +222,22 @@ def test_the_yardstick_is_judged_by_its_own_spread() -> None:
     assert fine.met
     twice = [row.model_copy(update={"map_rmse_m": 0.2}) for row in rows]
     assert named(accuracy_figures([], twice), "batch optimum / Cram").met is False
+
+
+def test_what_the_bound_allows_is_said() -> None:
+    """Half of the frames at three times, half at four times the whole drive's bound."""
+    rows = [run("ekf", track=str(n)) for n in range(3)]
+    references = [
+        ReferenceRow(
+            key=reference_of(row.job).key,
+            causal_bound_m=(0.3, 0.4),
+            pose_bound_m=0.1,
+        )
+        for row in rows
+    ]
+    least = named(pose_figures(rows, references), "bound: pose", "camera, vision only")
+    assert least.values["median"] == pytest.approx(np.sqrt(12.5))
+    assert least.met is None
 
 
 def test_growth_and_cost() -> None:
