@@ -97,14 +97,17 @@ def test_courses_come_in_the_size_asked_for(cones: int) -> None:
     assert cones <= len(sized_course(cones)) <= 1.03 * cones + 2
 
 
-def test_tracks_of_a_folder_are_its_closed_ones(tmp_path: Path) -> None:
+def test_tracks_of_a_folder_are_its_closed_ones(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     turn = np.arange(0, 2 * np.pi, 0.3)
     lines = ["x,y,class"]
     for radius, colour in ((12, "blue"), (15, "yellow")):
         lines += [f"{radius * np.cos(a)},{radius * np.sin(a)},{colour}" for a in turn]
     (tmp_path / "ring.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    (tmp_path / "notes.txt").write_text("no track", encoding="utf-8")
+    (tmp_path / "line.csv").write_text("x_m,y_m\n1,2\n", encoding="utf-8")
     names = track_names(f"{tmp_path}, random:4")
+    assert "line.csv" in caplog.text
     assert names == (str(tmp_path / "ring.csv"), "random:4")
     assert drives(names, (7, 8, 9))[2] == (names[0], 9)
     with pytest.raises(SourceError, match="--tracks"):
