@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from textwrap import fill
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -37,6 +38,15 @@ RULE = (
     "looked at, the interval is that of one figure by itself."
 )
 
+BARS = (
+    "Each dot is the median ratio over the same drives, its bar the 95 % interval; "
+    "coloured and filled where a difference is shown, grey and hollow where none is."
+)
+"""How to read the drawings."""
+
+LABEL_LETTERS = 18
+"""As many stand in the margin of a drawing."""
+
 ROW_IN = 0.38
 TICKS: tuple[tuple[float, tuple[float, ...]], ...] = (
     (1.3, (0.8, 0.9, 1.0, 1.1, 1.25)),
@@ -64,7 +74,7 @@ def duel_table(duel: Duel) -> Table:
         for effect in ordered
     )
     return Table(
-        f"{duel.scope}. {RULE}",
+        f"{duel.scope}. Each p is corrected for how many there are, no interval is.",
         ("size", "95 % interval", "p", "shows"),
         rows,
         words=frozenset({3}),
@@ -106,11 +116,7 @@ def duel_picture(duel: Duel, name: str, stroke: Mapping[str, Stroke]) -> Picture
         (f"{first} better \u2192", 1.0, "right"),
     ):
         axes.text(x, 1.02, text, ha=side, transform=axes.transAxes, fontsize=LETTERS_PT)
-    see = (
-        f"Left of the line {second} is better, right of it {first}. A bar is the 95 % "
-        "interval of the median ratio over the same drives; coloured and filled where "
-        f"a difference is shown, grey and hollow where none is. {RULE}"
-    )
+    see = f"Left of the line {second} is better, right of it {first}."
     return Picture(name, f"{second} beside {first}", see, svg_text(figure, name))
 
 
@@ -123,7 +129,7 @@ def _scale(
     axes.xaxis.set_minor_locator(NullLocator())
     axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axes.set_ylim(-0.6, len(labels) - 0.4)
-    shown = [label.replace(", ", ",\n") for label in labels]
+    shown = [fill(label, LABEL_LETTERS) for label in labels]
     axes.set_yticks(range(len(labels)), shown, fontsize=LETTERS_PT - 1.0)
     axes.axvline(1.0, color=INK, lw=1.0)
 

@@ -26,7 +26,7 @@ from conegraph.eval.series_figures import (
     nees_over_time,
 )
 from conegraph.eval.suite_comparison import SuiteComparison, compare_suite
-from conegraph.eval.suite_duels import duel_picture, duel_table
+from conegraph.eval.suite_duels import BARS, RULE, duel_picture, duel_table
 from conegraph.eval.suite_pictures import (
     Grouped,
     SeriesFolder,
@@ -144,7 +144,7 @@ def _duels(comparison: SuiteComparison) -> tuple[Block, ...]:
         for number, duel in enumerate(comparison.duels, 1)
     ]
     pictures = tuple(picture for picture in drawn if picture is not None)
-    return (Gallery(pictures),) if pictures else ()
+    return (Paragraph(f"{BARS} {RULE}"), Gallery(pictures)) if pictures else ()
 
 
 def _alone(comparison: SuiteComparison, grouped: Grouped) -> tuple[Block, ...]:

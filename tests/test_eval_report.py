@@ -372,7 +372,8 @@ def test_the_page_fits_a_phone_and_a_desk(
     for look in looks:
         assert look["page_px"] <= look["window_px"]
         assert (look["pictures"], look["too_small"]) == (4, 0)
-        assert look["fetched"] == look["console"] == []
+        assert look["fetched"] == look["console"] == look["clipped"] == []
+        assert look["scrolling"] == 0
 
 
 def test_the_browser_would_notice(
@@ -382,9 +383,13 @@ def test_the_browser_would_notice(
     page.write_text(
         '<!DOCTYPE html><div style="width:2000px">wide</div><svg width="0"></svg>'
         '<img src="http://127.0.0.1:9/none.png"><script>console.error("broken")</script>'
+        '<svg width="200" height="150"><text x="-9" y="50">cut off</text></svg>'
+        '<div class="scroll" style="width:50px;overflow:auto">unbreakable-words</div>'
     )
     for look in look_at(page):
         assert look["page_px"] >= 2000
         assert look["too_small"] == 2
+        assert look["clipped"] == ["cut off"]
+        assert look["scrolling"] == 1
         assert [Path(name).name for name in look["fetched"]] == ["none.png"]
         assert any("broken" in line for line in look["console"])
