@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -46,10 +47,14 @@ class Entry:
 class Journal:
     """Everything that the graph is made of, to make it again without a mistake."""
 
-    def __init__(self) -> None:
-        """Start empty."""
+    def __init__(self, given: Iterable[int] = ()) -> None:
+        """Start empty.
+
+        Args:
+            given: cones of a given map, which holds them as a sighting does.
+        """
         self.entries: list[Entry] = []
-        self.sightings: dict[int, int] = {}
+        self.sightings = dict.fromkeys(given, 1)
         self._segment_s = -np.inf
 
     def __len__(self) -> int:
@@ -84,16 +89,19 @@ class Journal:
             self.sightings[cone] = self.sightings.get(cone, 0) + 1
         return entry
 
-    def retract(self, entry: Entry, index: IntArray, d2: Array) -> list[Revision]:
+    def retract(
+        self, entry: Entry, index: IntArray, d2: Array, *, closure: bool = False
+    ) -> list[Revision]:
         """Take sightings of an entry back, save those that alone hold a cone.
 
         Args:
             entry: the frame.
             index: (n,) places in its list of sightings.
             d2: (n,) what speaks against them.
+            closure: whether with them a loop is undone.
 
         Returns:
-            What was taken back: one retraction, or none if nothing could be.
+            What was taken back: one revision, or none if nothing could be.
         """
         frame, gone = entry.frame, []
         for n, i in enumerate(index.tolist()):
@@ -111,7 +119,7 @@ class Journal:
                 frame.row[at],
                 frame.landmark_id[at],
                 d2[gone],
-                closure=frame.closure,
+                closure=closure,
             )
         ]
 
@@ -140,7 +148,7 @@ class Journal:
         )
         entry.kept = np.concatenate([entry.kept, np.ones(len(cone), dtype=bool)])
         for one in cone.tolist():
-            self.sightings[one] = self.sightings.get(one, 0) + 1
+            self.sightings[one] += 1
         return Revision(frame.stamp_s, found.row, cone, d2, MatchStatus.MATCHED)
 
     def drop(self, entry: Entry) -> None:

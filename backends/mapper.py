@@ -90,7 +90,7 @@ class Mapper:
         self._bounded = config.bounded
         self._sensor = sensor
         self.isam = new_isam()
-        self.journal = Journal()
+        self.journal = Journal([] if known is None else known.id.tolist())
         self.cones: dict[int, None] = {}
         self.rebuilt = 0
         self.failed = False
@@ -250,12 +250,16 @@ class Mapper:
             return []
         cones = np.array(list(self.cones), dtype=np.int64)
         xy_m = np.array([values.atPoint2(L(c)) for c in cones.tolist()]).reshape(-1, 2)
+        united = {gone: kept for e in entries for kept, gone in e.frame.merged}
         found = []
         for entry in entries:
             if len(entry.frame.unclaimed) == 0:
                 continue
             there_m = to_child(pose_array(values.atPose2(X(entry.k))), xy_m)
-            free = ~np.isin(cones, entry.cones)
+            shown = entry.cones
+            while np.isin(shown, list(united)).any():
+                shown = np.array([united.get(c, c) for c in shown.tolist()])
+            free = ~np.isin(cones, shown)
             index, which, d2 = second_look(
                 entry.frame.unclaimed, there_m, free, self._sensor
             )
@@ -373,7 +377,13 @@ class Mapper:
         if not self._is_off(loop):
             return []
         found = self._off_d2(loop)
-        return [r for e, i, d2 in found for r in self.journal.retract(e, i, d2)]
+        return [
+            revision
+            for entry, i, d2 in found
+            for revision in self.journal.retract(
+                entry, i, d2, closure=entry.frame.closure
+            )
+        ]
 
     def _residual_d2(self, entry: Entry) -> Array:
         cones = np.array([self.cone_m(c) for c in entry.cones.tolist()])

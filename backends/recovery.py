@@ -33,7 +33,7 @@ from conegraph.types import (
 LONGEST_WINDOW_S = 15.0
 """After this time a window that led nowhere is thrown away."""
 
-UNOPPOSED_M = 15.0
+UNOPPOSED_M = 45.0
 """A start that fits and that no search contradicts is believed after this way."""
 
 LEAST_FRAMES = 3
@@ -152,7 +152,8 @@ class Recovery:
         fixed = self._fixed is not None
         if not fixed and int(map_.book.published.sum()) < SMALL_MAP:
             return
-        self._monitor.frame(map_, frame, whole_map=fixed or whole_map)
+        whole_map |= fixed or self._mode is _Mode.STARTING
+        self._monitor.frame(map_, frame, whole_map=whole_map)
         if self._monitor.lost:
             why = f"only {100 * self._monitor.share:.0f} % of cones match the map"
             known = map_.publish() if self._fixed is None else self._fixed

@@ -333,7 +333,9 @@ class Tracker:
         status[born] = 4
         # A pair that may be wrong corrects the filter; the graph would keep it.
         sure = has_id & ~pairs.cluster.soft & trusted
-        aside = np.flatnonzero(~sure).astype(np.int64)
+        # Doubt deserves a second look; a lost car's pose and given ids leave none.
+        doubtful = trusted and self._config.association.method != "known"
+        aside = np.flatnonzero(~sure & doubtful).astype(np.int64)
         noise = self._noise_of(frame, np.where(sure, slot, -1))
         state, speed_cov = map_.filter.vehicle, map_.filter.vehicle_cov[3:5, 3:5]
         known = book.id

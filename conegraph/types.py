@@ -527,7 +527,7 @@ class Revision:
         d2: (N,) squared Mahalanobis distances to these in the solution.
         status: `REJECTED` where they did not stand the test after the fact,
             `MATCHED` where they had been left aside and now are sure.
-        closure: whether they had closed a loop at the start line.
+        closure: whether a loop that they had closed at the start line is undone.
     """
 
     stamp_s: float
@@ -557,7 +557,8 @@ class FrameRecord:
         laps: laps completed in this frame.
         stage_ms: time spent by stage, in ms; the key ``frame`` is the whole.
         consistency: what the innovations of the last seconds say.
-        revisions: matches of earlier frames that were taken back in this one.
+        revisions: sightings of earlier frames that were taken back in this one, or
+            found a cone after all.
         odometry: what odometry said, None without any.
     """
 

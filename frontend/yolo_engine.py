@@ -124,6 +124,6 @@ def _wrong_size(path: Path, pictures: Floats, error: Exception) -> FileFormatErr
     height, width = pictures.shape[2:]
     return FileFormatError(
         path,
-        f"does not take pictures of {width} x {height} px, set detector.input_px "
-        f"({_first_line(error)})",
+        f"does not take a picture of {width} x {height} px; if it takes but one size, "
+        f"set detector.input_px ({_first_line(error)})",
     )

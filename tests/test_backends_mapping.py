@@ -182,6 +182,33 @@ def test_a_loop_that_was_undone_does_not_bound_the_window() -> None:
     assert len(mapper.window) == len(frames) > KEEP
 
 
+def test_one_wrong_sighting_in_the_frame_that_closed_a_loop_undoes_no_loop() -> None:
+    frames, k = ring(1), LAP + 10
+    xy = frames[k].xy_m.copy()
+    xy[0] += [0.0, 2.0]
+    frames[k] = replace(frames[k], xy_m=xy, closure=True)
+    mapper = Mapper(Isam2Config(), MOTION)
+    (taken,) = feed(mapper, frames) + mapper.settle(polish=True)[1]
+    assert taken.observation.tolist() == [0]
+    assert not taken.closure
+
+
+def test_a_given_map_holds_a_cone_whose_only_sighting_is_wrong() -> None:
+    ids = np.arange(len(CONES))
+    cov, prob = np.tile(1e-4 * np.eye(2), (len(ids), 1, 1)), np.eye(5)[ids % 4]
+    known = ConeMap(ids, CONES, cov, prob, np.full(len(ids), 9))
+    frames, k = ring(1)[:60], 20
+    behind = len(CONES) // 2 - 1
+    assert not any(behind in f.landmark_id for f in frames)
+    mistaken = frames[k].landmark_id.copy()
+    mistaken[0] = behind
+    frames[k] = replace(frames[k], landmark_id=mistaken)
+    mapper = Mapper(Isam2Config(), MOTION, known)
+    taken = feed(mapper, frames) + mapper.settle(polish=True)[1]
+    assert [r.landmark_id.tolist() for r in taken] == [[behind]]
+    np.testing.assert_allclose(mapper.cone_m(behind), CONES[behind], atol=1e-6)
+
+
 def test_the_last_sighting_of_a_cone_is_never_taken_back() -> None:
     journal, frames = Journal(), ring(1)
     entry = journal.append(frames[0])
@@ -335,6 +362,24 @@ def test_a_second_look_gives_back_what_was_left_aside() -> None:
             frame.landmark_id[revision.observation], revision.landmark_id
         )
     assert aligned_rms(less) == pytest.approx(aligned_rms(full), rel=0.05)
+
+
+def test_no_second_look_gives_a_frame_a_cone_that_it_shows_by_its_old_name() -> None:
+    """Odd frames call a cone by a second name until the two are found to be one."""
+    frames, twin = ring(1)[:80], 500
+    cone = int(frames[30].landmark_id[0])
+    k = next(k for k in range(31, 33) if cone in frames[k].landmark_id)
+    for i, plain in enumerate(frames):
+        names = np.where(plain.landmark_id == cone, twin, plain.landmark_id)
+        frames[i] = replace(plain, landmark_id=names) if (i - k) % 2 == 0 else plain
+    at = np.flatnonzero(frames[k].landmark_id == twin)
+    beside = Unclaimed(
+        np.array([99]), frames[k].xy_m[at] + 0.01, frames[k].reported_m2[at]
+    )
+    frames[k] = replace(frames[k], unclaimed=beside)
+    frames[60] = replace(frames[60], merged=((cone, twin),))
+    mapper = Mapper(Isam2Config(), MOTION, None, ROUND)
+    assert feed(mapper, frames) + mapper.settle(polish=True)[1] == []
 
 
 def left_aside(frame: TrackedFrame, aside: Mask) -> TrackedFrame:

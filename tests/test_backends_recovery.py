@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from conegraph.backends import Backend, make_backend
+from conegraph.backends.isam2 import Isam2Backend
+from conegraph.backends.recovery import UNOPPOSED_M
 from conegraph.bench.relocalisation_trials import cone_map, true_pose
 from conegraph.bench.symmetric import circle
 from conegraph.config import resolve_config
@@ -99,15 +101,17 @@ def follow(
     )
 
 
-def on_map(recording: Recording, known: ConeMap, kind: str = "ekf") -> Backend:
-    """Return a back end that localises on a map."""
+def on_map(
+    recording: Recording, known: ConeMap, kind: str = "ekf", *, add_cones: bool = False
+) -> Backend:
+    """Return a back end that starts on a map, and localises only or adds to it."""
     config = resolve_config({"backend": {"kind": kind}})
     return make_backend(
         config.backend,
         config,
         sensor=recording.sensor,
         known_map=known,
-        add_cones=False,
+        add_cones=add_cones,
     )
 
 
@@ -141,6 +145,40 @@ def test_on_a_given_map_the_car_starts_anywhere_and_may_be_carried_away(
     assert log.error_m[log.stamp_s > again_s + 0.5].max() < 0.3
     assert log.resets[-1] == log.resets[uncut][-1] + 1 == 2
     assert backend.cone_map() is known
+
+
+@pytest.mark.parametrize("begin_s", [4.0, 8.0])
+def test_a_map_that_is_updated_gains_nothing_from_a_car_elsewhere(
+    begin_s: float,
+) -> None:
+    """On a straight the lane far from the origin resembles that at the origin."""
+    recording = drive("camera", 1)
+    known = true_map(recording)
+    backend = on_map(recording, known, add_cones=True)
+    end_s = begin_s + 5.0
+    log = follow(backend, recording, pieces(recording, begin_s, end_s, 0.0, end_s))
+    assert log.error_m[0] > 10.0
+    believed = np.isin(np.array(log.status), [Status.OK, Status.DEGRADED])
+    assert believed[-1]
+    assert log.error_m[believed].max() < 0.5
+    assert recording.truth_map is not None
+    assert map_metrics(backend.cone_map(), recording.truth_map).precision == 1.0
+
+
+def test_what_a_lost_car_saw_gets_no_second_look() -> None:
+    recording = drive("camera", 2)
+    config = resolve_config({"backend": {"kind": "isam2"}})
+    tracker = Isam2Backend(config, recording.sensor)
+    end_s = recording.stream[-1].stamp_s
+    cut_s, aside = 0.6 * end_s, {True: 0, False: 0}
+    for event, _ in pieces(recording, 0.0, cut_s, 5.0, cut_s + 8.0):
+        if isinstance(event, VelocityObservation):
+            tracker.observe_velocity(event)
+        elif tracker.observe_cones(event) is not None and tracker.tracked is not None:
+            lost = tracker.estimate().status is Status.LOST
+            aside[lost] += len(tracker.tracked.unclaimed)
+    assert tracker.estimate().reset_counter == 1
+    assert aside[True] == 0 < aside[False]
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -180,7 +218,7 @@ def test_on_a_symmetric_map_the_start_is_believed_only_after_a_while() -> None:
     assert path is not None
     row = int(np.searchsorted(path.stamp_s, log.when(Status.OK, 0.0)))
     steps = np.hypot(*np.diff(path.pose[: row + 1, :2], axis=0).T)
-    assert steps.sum() == pytest.approx(15.0, abs=2.0)
+    assert steps.sum() == pytest.approx(UNOPPOSED_M, abs=2.0)
     assert (log.resets == 0).all()
     assert log.error_m.max() < 0.5
 

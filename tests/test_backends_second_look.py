@@ -7,7 +7,9 @@ from hypothesis import strategies as st
 
 from conegraph.backends.second_look import FIT_D2, LEAD_D2, second_look
 from conegraph.backends.tracked_frame import Unclaimed
-from conegraph.types import Array, SensorModel
+from conegraph.backends.tracker import Tracker
+from conegraph.config import resolve_config
+from conegraph.types import Array, ConeObservations, SensorModel
 
 SIGMA_M = 0.05
 ROUND = SensorModel(np.zeros(3), 0.0, floor_m=SIGMA_M)
@@ -66,3 +68,21 @@ def test_cones_that_stand_apart_are_all_found_again(seed: int) -> None:
     off = rng.uniform(-2.0, 2.0, (10, 2)) * SIGMA_M
     sightings = seen(*map(tuple, (cones + off)[order].tolist()))
     assert look(sightings, cones, [True] * 10) == (list(range(10)), order.tolist())
+
+
+def test_ids_that_are_given_leave_nothing_to_look_at_again() -> None:
+    """A detection that the ids call false may stand where a cone does."""
+    xy = np.array([[5.0, 1.5], [5.0, -1.5], [8.0, 1.5]])
+    frames = [
+        ConeObservations(
+            0.1 * k, xy, ROUND.covariance(xy), np.eye(5)[[0, 1, 0]], np.array(ids)
+        )
+        for k, ids in enumerate([[0, 1, 2], [0, 1, -1]])
+    ]
+    config = resolve_config({"association": {"method": "known"}})
+    tracker = Tracker(config, ROUND)
+    for one in frames:
+        assert tracker.observe_cones(one) is not None
+    assert tracker.tracked is not None
+    assert tracker.tracked.landmark_id.tolist() == [0, 1]
+    assert len(tracker.tracked.unclaimed) == 0

@@ -18,6 +18,7 @@ from conegraph.bench.lap_truth import true_lap_ends
 from conegraph.bench.latency_figures import latency_figures
 from conegraph.bench.memory import PeakMemory
 from conegraph.bench.plan import ACCURACY, KNOWN, LONG, LONG_LAPS, SIZES, Plan
+from conegraph.bench.pose_figures import pose_figures
 from conegraph.bench.rows import AnyRow, CostRow, Job, LapRow, ReferenceRow, RunRow
 from conegraph.bench.run import as_they_came
 from conegraph.bench.run_log import RunLog
@@ -96,14 +97,17 @@ def test_courses_come_in_the_size_asked_for(cones: int) -> None:
     assert cones <= len(sized_course(cones)) <= 1.03 * cones + 2
 
 
-def test_tracks_of_a_folder_are_its_closed_ones(tmp_path: Path) -> None:
+def test_tracks_of_a_folder_are_its_closed_ones(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     turn = np.arange(0, 2 * np.pi, 0.3)
     lines = ["x,y,class"]
     for radius, colour in ((12, "blue"), (15, "yellow")):
         lines += [f"{radius * np.cos(a)},{radius * np.sin(a)},{colour}" for a in turn]
     (tmp_path / "ring.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    (tmp_path / "notes.txt").write_text("no track", encoding="utf-8")
+    (tmp_path / "line.csv").write_text("x_m,y_m\n1,2\n", encoding="utf-8")
     names = track_names(f"{tmp_path}, random:4")
+    assert "line.csv" in caplog.text
     assert names == (str(tmp_path / "ring.csv"), "random:4")
     assert drives(names, (7, 8, 9))[2] == (names[0], 9)
     with pytest.raises(SourceError, match="--tracks"):
@@ -165,7 +169,8 @@ def test_figures_of_perfect_runs_are_met_and_of_bad_ones_are_not() -> None:
         r.model_copy(update={"job": r.job.model_copy(update={"group": KNOWN})})
         for r in fine
     ]
-    figures = accuracy_figures([*fine, *known], [])
+    runs = [*fine, *known]
+    figures = [*accuracy_figures(runs, []), *pose_figures(runs, [])]
     missed = [f.name for f in figures if f.met is False]
     # Equal back ends cannot differ by 0.6.
     assert missed == [named(figures, "hardest quarter").name]
@@ -200,7 +205,7 @@ def test_hard_streams_are_those_where_the_filter_errs_most() -> None:
         run("isam2", track=f"random:{n}", ate_2_laps_m=0.1 if n < 6 else 0.04 * (n + 1))
         for n in range(8)
     ]
-    hard = named(accuracy_figures([*ekf, *isam2], []), "hardest quarter")
+    hard = named(pose_figures([*ekf, *isam2], []), "hardest quarter")
     assert hard.values == {
         "median": pytest.approx(0.4),
         "worst": pytest.approx(0.4),
@@ -220,6 +225,22 @@ def test_the_yardstick_is_judged_by_its_own_spread() -> None:
     assert fine.met
     twice = [row.model_copy(update={"map_rmse_m": 0.2}) for row in rows]
     assert named(accuracy_figures([], twice), "batch optimum / Cram").met is False
+
+
+def test_what_the_bound_allows_is_said() -> None:
+    """Half of the frames at three times, half at four times the whole drive's bound."""
+    rows = [run("ekf", track=str(n)) for n in range(3)]
+    references = [
+        ReferenceRow(
+            key=reference_of(row.job).key,
+            causal_bound_m=(0.3, 0.4),
+            pose_bound_m=0.1,
+        )
+        for row in rows
+    ]
+    least = named(pose_figures(rows, references), "bound: pose", "camera, vision only")
+    assert least.values["median"] == pytest.approx(np.sqrt(12.5))
+    assert least.met is None
 
 
 def test_growth_and_cost() -> None:

@@ -1,4 +1,4 @@
-"""Figures of how near maps and paths come to the truth and to the optimum."""
+"""Figures of how near maps come to the truth and to the optimum."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from conegraph.bench.figure import (
     Figure,
     at_least,
     at_most,
-    near_one,
     none_of,
     not_measured,
 )
@@ -25,37 +24,26 @@ from conegraph.bench.plan import (
 from conegraph.bench.rows import ReferenceRow, RunRow
 
 EKF, ISAM2 = "ekf", "isam2"
-HARD_SHARE = 0.25
 MAP_LIMIT = {
     (EKF, False): 1.5,
     (EKF, True): 1.1,
     (ISAM2, False): 1.1,
     (ISAM2, True): 1.05,
 }
-EKF_POSE_LIMIT = {
-    ("lidar", False): 3.0,
-    ("camera", False): 5.0,
-    ("lidar", True): 2.5,
-    ("camera", True): 3.0,
-}
-ISAM2_POSE_SHARE = 0.8
 
 
 def accuracy_figures(
     runs: Sequence[RunRow], references: Sequence[ReferenceRow]
 ) -> list[Figure]:
-    """Return the figures of accuracy, robustness and consistency."""
+    """Return the figures of maps, of associations and of robustness."""
     plain = in_group(runs, ACCURACY)
     return [
         *_optimum(references),
         *_headline(plain),
-        *_ate(plain),
         *_association(runs),
         *_completeness(runs),
-        *_consistency(plain),
         *_robustness(runs),
         *_map_by_sensor(plain),
-        *_pose_by_sensor(plain),
         *_real(in_group(runs, REAL)),
     ]
 
@@ -127,24 +115,6 @@ def _headline(plain: Sequence[RunRow]) -> list[Figure]:
     ]
 
 
-def _ate(plain: Sequence[RunRow]) -> list[Figure]:
-    """Return iSAM2's causal ATE over the EKF's, on hard streams and on all."""
-    ekf = {run.job.stream: run.ate_2_laps_m for run in of(plain, EKF)}
-    pairs = [
-        (ekf[run.job.stream], run.ate_2_laps_m)
-        for run in of(plain, ISAM2)
-        if run.job.stream in ekf
-    ]
-    pairs.sort(key=lambda pair: -pair[0] if np.isfinite(pair[0]) else -np.inf)
-    ratios = [isam2 / ekf for ekf, isam2 in pairs]
-    hard = ratios[: int(np.ceil(HARD_SHARE * len(ratios)))]
-    what = "iSAM2 causal ATE / EKF causal ATE over 2 laps"
-    return [
-        at_most(f"{what}, hardest quarter by EKF error", hard, 0.6),
-        at_most(f"{what}, all streams", ratios, 1.0),
-    ]
-
-
 def _association(runs: Sequence[RunRow]) -> list[Figure]:
     figures = []
     for backend in (EKF, ISAM2):
@@ -195,30 +165,6 @@ def _closures(name: str, rows: Sequence[RunRow]) -> Figure:
     return Figure(name, "≥ 0.95", f"{share:.3f} (of {due})", share >= 0.95, found)
 
 
-def _consistency(plain: Sequence[RunRow]) -> list[Figure]:
-    """Return NEES with and without odometry apart: one may hide the other's.
-
-    Where the sigma is the bound and NEES is not above one, no causal estimator can do
-    better on average.
-    """
-    figures = []
-    for backend in (EKF, ISAM2):
-        for odometry in (False, True):
-            rows = of(plain, backend, odometry=odometry)
-            poses, maps = [r.pose_nees for r in rows], [r.map_nees for r in rows]
-            how = _drive(odometry)
-            figures += [
-                near_one(f"{backend}: pose NEES/dof, {how}", poses),
-                near_one(f"{backend}: map NEES/dof, {how}", maps),
-                near_one(
-                    f"{backend}: sigma of the pose while driving / causal Cramér-Rao "
-                    f"bound, {how}",
-                    [r.sigma_over_bound for r in rows],
-                ),
-            ]
-    return figures
-
-
 def _robustness(runs: Sequence[RunRow]) -> list[Figure]:
     figures = []
     for backend in (EKF, ISAM2):
@@ -232,7 +178,8 @@ def _robustness(runs: Sequence[RunRow]) -> list[Figure]:
 def _map_by_sensor(plain: Sequence[RunRow]) -> list[Figure]:
     return [
         at_most(
-            f"{backend}: map RMSE aligned / batch, {sensor}, {_drive(odometry)}, final",
+            f"{backend}: map RMSE aligned / batch, {sensor}, {drive_of(odometry)}, "
+            "final",
             [run.map_ratio for run in of(plain, backend, sensor, odometry)],
             MAP_LIMIT[backend, odometry],
         )
@@ -242,19 +189,8 @@ def _map_by_sensor(plain: Sequence[RunRow]) -> list[Figure]:
     ]
 
 
-def _pose_by_sensor(plain: Sequence[RunRow]) -> list[Figure]:
-    figures = []
-    for (sensor, odometry), limit in EKF_POSE_LIMIT.items():
-        name = f"pose RMSE while driving / batch, {sensor}, {_drive(odometry)}"
-        ekf = [run.pose_ratio for run in of(plain, EKF, sensor, odometry)]
-        isam2 = [run.pose_ratio for run in of(plain, ISAM2, sensor, odometry)]
-        figures.append(at_most(f"ekf: {name}", ekf, limit))
-        goal = ISAM2_POSE_SHARE * EKF_POSE_LIMIT[sensor, False]
-        figures.append(at_most(f"isam2: {name}", isam2, goal))
-    return figures
-
-
-def _drive(odometry: bool) -> str:
+def drive_of(odometry: bool) -> str:
+    """Return what a drive had to go by, in words."""
     return "with odometry" if odometry else "vision only"
 
 

@@ -11,6 +11,7 @@ from conegraph.bench.figure import Figure
 from conegraph.bench.journal import Journal
 from conegraph.bench.latency_figures import latency_figures
 from conegraph.bench.plan import Plan
+from conegraph.bench.pose_figures import pose_figures
 from conegraph.bench.rows import AnyRow, CostRow, Job, ReferenceRow, RunRow
 from conegraph.bench.runner import grouped, run_chains
 from conegraph.bench.worker import Task, failed, reference_of, work
@@ -30,6 +31,7 @@ class Rows:
 
 PRODUCERS: tuple[Callable[[Rows], list[Figure]], ...] = (
     lambda rows: accuracy_figures(rows.runs, rows.references),
+    lambda rows: pose_figures(rows.runs, rows.references),
     lambda rows: latency_figures(rows.runs, rows.costs),
 )
 """What makes figures of rows: another group of figures is one more entry."""

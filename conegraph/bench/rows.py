@@ -84,6 +84,12 @@ class ReferenceRow(Row):
     reason: str = ""
 
     @property
+    def causal_ratio(self) -> float:
+        """How many times the bound on a causal path is that on the whole drive's."""
+        causal = float(np.sqrt(np.mean(np.square(self.causal_bound_m))))
+        return causal / self.pose_bound_m
+
+    @property
     def broke_off(self) -> bool:
         """Whether there is none."""
         return bool(self.reason)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from conegraph.errors import SourceError
+from conegraph.errors import FileFormatError, SourceError
 from conegraph.io.tracks import read_track
 from conegraph.sim.cone_rows import closed_course
 from conegraph.sim.cone_sensor import CAMERA, LIDAR
@@ -18,6 +19,8 @@ from conegraph.sim.random_course import random_center
 from conegraph.sim.track_shapes import HALF_LANE_M
 from conegraph.sources import SimOptions, open_source, simulate_track
 from conegraph.types import Recording, TrackLayout
+
+log = logging.getLogger(__name__)
 
 SIZED = "cones"
 """Tracks named ``cones:400`` are random courses with that many cones."""
@@ -120,22 +123,30 @@ def track_names(given: str) -> tuple[str, ...]:
     """Return the closed tracks of a comma-separated list of folders, files and names.
 
     A folder stands for its track files, without the open ones: they have no laps.
+    What cannot be read there is left out, and logged.
 
     Raises:
         SourceError: nothing is left.
-        FileFormatError: a file in a folder cannot be read.
     """
     names: list[str] = []
     for part in filter(None, (p.strip() for p in given.split(","))):
         folder = Path(part)
         if folder.is_dir():
             files = sorted(f for f in folder.iterdir() if f.suffix in (".yaml", ".csv"))
-            names += [str(f) for f in files if read_track(f).closed]
+            names += [str(f) for f in files if _is_closed(f)]
         else:
             names.append(part)
     if not names:
         raise SourceError(f"--tracks {given!r}: no closed track there")
     return tuple(names)
+
+
+def _is_closed(path: Path) -> bool:
+    try:
+        return read_track(path).closed
+    except FileFormatError as error:
+        log.warning("left out: %s", error)
+        return False
 
 
 def drives(tracks: tuple[str, ...], seeds: tuple[int, ...]) -> list[tuple[str, int]]:

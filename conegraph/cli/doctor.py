@@ -17,7 +17,12 @@ if TYPE_CHECKING:
 def doctor(
     run: Annotated[
         Path,
-        typer.Argument(metavar="RUN", help="The folder that a run wrote.", exists=True),
+        typer.Argument(
+            metavar="RUN",
+            help="The folder that a run wrote.",
+            exists=True,
+            file_okay=False,
+        ),
     ],
     truth: Annotated[
         bool,
@@ -34,12 +39,34 @@ def doctor(
     from conegraph.eval.doctor import diagnose
     from conegraph.io.run_folder import read_run
 
+    _check(run)
     diagnosis = diagnose(read_run(run), _truth_in(run) if truth else None)
     if json_:
         plain = {"cause": diagnosis.cause, **diagnosis.to_dict()}
         typer.echo(json.dumps(plain, indent=2))
         return
     _show(diagnosis)
+
+
+def _check(run: Path) -> None:
+    """Refuse a folder without a run, naming the runs in it.
+
+    Raises:
+        FileFormatError: there is no run.
+    """
+    from conegraph.errors import FileFormatError
+    from conegraph.io.run_writer import TRAJECTORY
+
+    if (run / TRAJECTORY).exists():
+        return
+    runs = sorted(str(path.parent) for path in run.glob(f"*/{TRAJECTORY}"))
+    if runs:
+        raise FileFormatError(
+            run, f"holds {len(runs)} runs: choose {' or '.join(runs)}"
+        )
+    raise FileFormatError(
+        run, f"holds no run (no {TRAJECTORY}): give the folder that a run wrote"
+    )
 
 
 def _truth_in(run: Path) -> Trajectory | None:
