@@ -200,14 +200,14 @@ def turned_round(lens: Lens, border: tuple[float, float]) -> Lens:
             np.linspace(-border[1], border[1], 31),
         )
     )
-    moved = _bending(x, y) @ np.array(lens)
+    moved = bending(x, y) @ np.array(lens)
     bent_x, bent_y = x + moved[: len(x)], y + moved[len(x) :]
-    solved, *_ = np.linalg.lstsq(_bending(bent_x, bent_y), -moved, rcond=None)
+    solved, *_ = np.linalg.lstsq(bending(bent_x, bent_y), -moved, rcond=None)
     k1, k2, p1, p2, k3 = (float(c) for c in solved)
     return k1, k2, p1, p2, k3
 
 
-def _bending(x: Array, y: Array) -> Array:
+def bending(x: Array, y: Array) -> Array:
     """Return (2 N, 5) what each of k1, k2, p1, p2, k3 adds to x and to y."""
     r2 = x * x + y * y
     across = [x * r2, x * r2**2, 2 * x * y, r2 + 2 * x * x, x * r2**3]

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conegraph.camera import Camera
+from conegraph.frontend.realsense_frames import bending
 from conegraph.types import Array
 
 MAX_SPREAD_PX = 16
@@ -84,13 +85,17 @@ class Registration:
 
     def _pixels(self, points: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return (N, 2) first pixels and (N, 2) how many, of (2, N, 3) corners."""
-        none = np.zeros(3)
-        lens = np.array(self.color.distortion)
-        flat, _ = cv2.projectPoints(
-            points.reshape(-1, 3), none, none, self.color.matrix, lens
+        x, y = np.moveaxis(points[..., :2] / points[..., 2:], -1, 0)
+        lens = self.color
+        if any(lens.distortion):
+            bent = bending(x.ravel(), y.ravel()) @ np.array(lens.distortion)
+            by_x, by_y = bent.reshape(2, *x.shape)
+            x, y = x + by_x, y + by_y
+        flat = np.stack(
+            [x * lens.fx_px + lens.cx_px, y * lens.fy_px + lens.cy_px], axis=-1
         )
         # Far outside the picture a whole number would overflow.
         limit = 10 * max(self.color.width_px, self.color.height_px)
-        at = np.ceil(np.clip(flat.reshape(2, -1, 2), -limit, limit))
+        at = np.ceil(np.clip(flat, -limit, limit))
         first, end = np.sort(at.astype(np.int64), axis=0)
         return first, np.minimum(end - first, MAX_SPREAD_PX)
