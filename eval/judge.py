@@ -20,6 +20,7 @@ from conegraph.eval.lap_drift import LapDrifts, lap_drifts
 from conegraph.eval.laps import true_laps
 from conegraph.eval.map_metrics import MapMetrics, map_metrics
 from conegraph.eval.matching import DEFAULT_GATE_M
+from conegraph.eval.pose_pairs import PosePairs, pair_with_truth
 from conegraph.eval.record import Record
 from conegraph.eval.run_metrics import (
     CostMetrics,
@@ -31,12 +32,7 @@ from conegraph.eval.run_metrics import (
 )
 from conegraph.eval.run_warnings import run_warnings, status_warnings
 from conegraph.eval.track_metrics import TrackMetrics, track_metrics, true_track
-from conegraph.eval.trajectory_metrics import (
-    PosePairs,
-    TrajectoryMetrics,
-    pair_with_truth,
-    trajectory_metrics,
-)
+from conegraph.eval.trajectory_metrics import TrajectoryMetrics, trajectory_metrics
 from conegraph.eval.truth_faults import (
     Twins,
     in_words,

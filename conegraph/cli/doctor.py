@@ -98,7 +98,7 @@ def _show(diagnosis: Diagnosis) -> None:
         out.print(Text(f"   {_figure(found)}"))
         out.print(Text(f"   to do: {found.advice}"))
     if consequences:
-        out.print(Text("What may well follow from that:"))
+        out.print(Text("Found besides, and may follow from that:"))
     for found in consequences:
         out.print(Text(f"- {found.title} ({found.cause}): {_figure(found)}"))
     if not causes and diagnosis.harm:
