@@ -256,6 +256,7 @@ class Pipeline:
             "source": self.source.name,
             "backend": self.config.backend.kind,
             "profile": self.config.backend.profile,
+            "mapping": getattr(self.config.backend, "mapping", ""),
             "frames": log.frames,
             "laps": [
                 {"number": n.number, "end_s": n.end_s, "duration_s": n.duration_s}

@@ -134,7 +134,7 @@ def evaluate(
     run, unplaced = since_found(run)
     causal = _path_metrics(run.trajectory, truth.trajectory)
     pairs = _pairs(run, truth) if causal is not None else None
-    laps = () if causal is None else _true_laps(truth, causal, run.trajectory)
+    laps = None if causal is None else _true_laps(truth, causal, run.trajectory)
     ids, faults = _sound(truth)
     cones = _map_metrics(run, truth.cones, ids, causal, max_distance_m)
     return RunMetrics(
@@ -155,7 +155,7 @@ def evaluate(
         innovation_consistency=innovation_consistency(
             run.consistency.nis, run.consistency.dof
         ),
-        lap_drift=None if pairs is None else lap_drifts(pairs, laps),
+        lap_drift=None if pairs is None else lap_drifts(pairs, laps or ()),
         track=_track_metrics(run, truth.cones, cones, pairs),
         truth_faults=faults,
     )
