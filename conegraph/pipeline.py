@@ -17,7 +17,7 @@ from conegraph.camera import Stream
 from conegraph.camera_stream import CameraStream, with_front_end
 from conegraph.config import Config, config_to_toml
 from conegraph.eval import RunMetrics, Truth, evaluate
-from conegraph.eval.trajectory_metrics import pair_with_truth
+from conegraph.eval.pose_pairs import pair_with_truth
 from conegraph.io.run_folder import RunFolder, RunWriter, read_run
 from conegraph.io.run_writer import TRUTH, replace_text
 from conegraph.io.tum_trajectory import format_tum
@@ -256,6 +256,7 @@ class Pipeline:
             "source": self.source.name,
             "backend": self.config.backend.kind,
             "profile": self.config.backend.profile,
+            "mapping": getattr(self.config.backend, "mapping", ""),
             "frames": log.frames,
             "laps": [
                 {"number": n.number, "end_s": n.end_s, "duration_s": n.duration_s}

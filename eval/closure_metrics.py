@@ -31,7 +31,7 @@ _NAN = float("nan")
 
 @dataclass(frozen=True, slots=True)
 class ClosureMetrics(Record):
-    """Loop closures and laps; what needs the truth is NaN or 0 without it.
+    """Loop closures and laps; what needs the truth is NaN or None without it.
 
     Attributes:
         laps: completed laps, as the run counted them.
@@ -42,9 +42,9 @@ class ClosureMetrics(Record):
         precision: right closures / accepted ones that were not taken back; a closure
             is right if at least half of its frame's matches show the landmark's own
             cone. NaN without true ids.
-        laps_true: laps that the car truly drove.
+        laps_true: laps that the car truly drove; None without a true path.
         in_time: of their ends, those with a closure from 6 s before to 1 s after
-            the true car crossed the start line.
+            the true car crossed the start line; None likewise.
         delay_s: median time from the true crossing to the closure, s; negative where
             the sensor sees the start cones from afar.
         delay_max_s: the greatest, s.
@@ -60,8 +60,8 @@ class ClosureMetrics(Record):
     rejected: int
     undone: int = 0
     precision: float = _NAN
-    laps_true: int = 0
-    in_time: int = 0
+    laps_true: int | None = None
+    in_time: int | None = None
     delay_s: float = _NAN
     delay_max_s: float = _NAN
     lap_time_error_s: float = _NAN
@@ -69,7 +69,7 @@ class ClosureMetrics(Record):
 
 def closure_metrics(
     summary: Mapping[str, object],
-    true_laps: Sequence[Lap] = (),
+    true_laps: Sequence[Lap] | None = None,
     rows: AssociationRows | None = None,
     truth_id: IntArray | None = None,
 ) -> ClosureMetrics:
@@ -82,7 +82,7 @@ def closure_metrics(
 
     Args:
         summary: ``summary.json``.
-        true_laps: the laps that were driven.
+        true_laps: the laps that were driven, None where nobody knows.
         rows: what became of each observation.
         truth_id: (N,) the true id of each, -1 for a false detection.
     """
@@ -93,8 +93,10 @@ def closure_metrics(
     accepted_s, refused_s = (_stamps(closures, kind) for kind in (True, False))
     accepted = sum(entry.get("accepted") is True for entry in closures)
     stands_s = accepted_s[~np.isin(accepted_s, refused_s)]
-    delay_s = _delays(stands_s, np.array([lap.end_s for lap in true_laps]))
+    driven = true_laps or ()
+    delay_s = _delays(stands_s, np.array([lap.end_s for lap in driven]))
     known = delay_s[np.isfinite(delay_s)]
+    in_time = int((known <= CLOSURE_AFTER_S).sum())
     return ClosureMetrics(
         laps=laps if isinstance(laps, int) else len(entries),
         lap_times_s=tuple(float(t) for t in times if isinstance(t, int | float)),
@@ -102,11 +104,11 @@ def closure_metrics(
         rejected=len(closures) - accepted,
         undone=len(accepted_s) - len(stands_s),
         precision=_precision(stands_s, rows, truth_id),
-        laps_true=len(true_laps),
-        in_time=int((known <= CLOSURE_AFTER_S).sum()),
+        laps_true=None if true_laps is None else len(driven),
+        in_time=None if true_laps is None else in_time,
         delay_s=float(np.median(known)) if len(known) else _NAN,
         delay_max_s=float(known.max()) if len(known) else _NAN,
-        lap_time_error_s=_lap_time_error(entries, true_laps),
+        lap_time_error_s=_lap_time_error(entries, driven),
     )
 
 

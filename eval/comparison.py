@@ -8,7 +8,7 @@ from typing import Literal
 
 from conegraph.eval.judge import RunMetrics
 from conegraph.eval.record import Record
-from conegraph.eval.verdict import findings
+from conegraph.eval.verdict import differ, findings
 from conegraph.io.plain import Plain
 
 Better = Literal["low", "high"] | None
@@ -33,6 +33,11 @@ class Figure:
     digits: int
     better: Better
     path: str
+
+    @property
+    def is_share(self) -> bool:
+        """Whether it lies between 0 and 1."""
+        return not self.unit and self.digits > 2
 
 
 _MAP, _PATH, _SMOOTHED = "Map", "Path while driving", "Path, smoothed"
@@ -124,12 +129,14 @@ class Row:
 
     @property
     def best(self) -> frozenset[int]:
-        """Runs that are best to the digits shown; empty where none stands out."""
-        shown = {i: float(c) for i, c in enumerate(self.cells) if c != "-"}
-        if self.figure.better is None or len(set(shown.values())) < 2:
+        """Runs that stand out, by the rule of the verdict; empty where none does."""
+        known = {i: value for i, value in enumerate(self.values) if value is not None}
+        if self.figure.better is None or not known:
             return frozenset()
-        best = (min if self.figure.better == "low" else max)(shown.values())
-        return frozenset(i for i, value in shown.items() if value == best)
+        unit, share = self.figure.unit, self.figure.is_share
+        best = (min if self.figure.better == "low" else max)(known.values())
+        level = {i for i, v in known.items() if not differ(v, best, unit, share=share)}
+        return frozenset(level if len(level) < len(known) else ())
 
 
 @dataclass(frozen=True, slots=True)

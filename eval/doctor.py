@@ -8,14 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from conegraph.eval.doctor_case import open_case
-from conegraph.eval.doctor_causes import CAUSES
+from conegraph.eval.doctor_causes import CAUSES, Cause
+from conegraph.eval.doctor_evidence import Evidence
 from conegraph.eval.record import Record
+from conegraph.eval.run_metrics import number
 from conegraph.io.run_folder import RunFolder
 from conegraph.types import Trajectory
 
-HEALTHY = "healthy"
-BAD_MAP_M = 0.2
-"""Error of a map that calls for an explanation."""
+HEALTHY, UNEXPLAINED = "healthy", "unexplained"
+BAD_MAP_M, BAD_SHARE = 0.2, 0.9
+"""Error of a map, and precision or recall, that call for an explanation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,9 +27,12 @@ class Finding(Record):
     Attributes:
         cause: in one word.
         title: in words.
+        follows: whether it may well be a consequence of what is found before it.
         evidence: what was measured.
-        measured: the figure behind it.
-        limit: what a healthy run does not exceed, in the same unit.
+        name: what the figure behind it is.
+        unit: of that figure, empty for counts and factors; of a share ``%``.
+        measured: the figure; a share from 0 to 1.
+        limit: what a healthy run does not exceed, likewise.
         score: measured / limit, above 1.
         at_s: the time to look at, NaN where there is none.
         advice: what to check or to configure.
@@ -35,7 +40,10 @@ class Finding(Record):
 
     cause: str
     title: str
+    follows: bool
     evidence: str
+    name: str
+    unit: str
     measured: float
     limit: float
     score: float
@@ -48,18 +56,21 @@ class Diagnosis(Record):
     """What is wrong with a run, the likeliest root first.
 
     Attributes:
-        findings: everything that exceeds what a healthy run shows; those further
-            down may be consequences of the first.
+        findings: everything that exceeds what a healthy run shows.
         notes: what could not be looked at.
+        harm: what the judge found wrong with the map, empty for nothing.
     """
 
     findings: tuple[Finding, ...]
     notes: tuple[str, ...]
+    harm: str = ""
 
     @property
     def cause(self) -> str:
-        """The first finding's cause, or `HEALTHY`."""
-        return self.findings[0].cause if self.findings else HEALTHY
+        """The first finding's; without any `HEALTHY`, or `UNEXPLAINED` with harm."""
+        if self.findings:
+            return self.findings[0].cause
+        return UNEXPLAINED if self.harm else HEALTHY
 
 
 def diagnose(run: RunFolder, truth: Trajectory | None = None) -> Diagnosis:
@@ -74,24 +85,13 @@ def diagnose(run: RunFolder, truth: Trajectory | None = None) -> Diagnosis:
         text = "the run has no path to look at: too short, or with poses that are NaN"
         return Diagnosis((), (text,))
     case = open_case(run, truth)
-    found = []
-    for cause in CAUSES:
-        evidence = cause.examine(case)
-        if evidence is None or not evidence.measured > evidence.limit:
-            continue
-        score = evidence.measured / evidence.limit
-        finding = Finding(
-            cause.name,
-            cause.title,
-            evidence.text,
-            evidence.measured,
-            evidence.limit,
-            score,
-            evidence.at_s,
-            cause.advice,
-        )
-        found.append((cause.level, -score, finding))
-    found.sort(key=lambda entry: entry[:2])
+    seen = [(cause, cause.examine(case)) for cause in CAUSES]
+    wrong = [(c, e) for c, e in seen if e is not None and e.measured > e.limit]
+    wrong.sort(key=lambda found: (found[0].level, -found[1].measured / found[1].limit))
+    findings = tuple(
+        _finding(cause, evidence, follows=cause.level > wrong[0][0].level)
+        for cause, evidence in wrong
+    )
     notes = []
     if len(run.observations) == 0:
         notes.append("the run kept no observations: its sensors were not looked at")
@@ -99,18 +99,39 @@ def diagnose(run: RunFolder, truth: Trajectory | None = None) -> Diagnosis:
         notes.append("too few cones were seen twice: the sensors were not looked at")
     if not case.has_odometry:
         notes.append("without odometry neither its faults nor those of stamps show")
-    if not found and (error_m := _map_error(run)) > BAD_MAP_M:
-        notes.append(
-            f"the map is {error_m:.2g} m off, and nothing that was found explains it"
-        )
     if not run.finished:
         notes.append("the run did not finish: what it wrote until then is looked at")
-    return Diagnosis(tuple(finding for _, _, finding in found), tuple(notes))
+    return Diagnosis(findings, tuple(notes), _harm(run))
 
 
-def _map_error(run: RunFolder) -> float:
-    """Return the map's aligned error as the judge found it, NaN without truth."""
+def _finding(cause: Cause, evidence: Evidence, *, follows: bool) -> Finding:
+    return Finding(
+        cause=cause.name,
+        title=cause.title,
+        follows=follows,
+        evidence=evidence.text,
+        name=evidence.name,
+        unit=evidence.unit,
+        measured=evidence.measured,
+        limit=evidence.limit,
+        score=evidence.measured / evidence.limit,
+        at_s=evidence.at_s,
+        advice=cause.advice,
+    )
+
+
+def _harm(run: RunFolder) -> str:
+    """Return what the judge found wrong with the map; nothing without truth."""
     metrics = run.summary.get("metrics")
     cones = metrics.get("map") if isinstance(metrics, Mapping) else None
-    error = cones.get("rmse_aligned_m") if isinstance(cones, Mapping) else None
-    return float(error) if isinstance(error, int | float) else float("nan")
+    if not isinstance(cones, Mapping):
+        return ""
+    error_m, precision, recall = (
+        number(cones, key) for key in ("rmse_aligned_m", "precision", "recall")
+    )
+    if error_m > BAD_MAP_M or precision < BAD_SHARE or recall < BAD_SHARE:
+        return (
+            f"the map is {error_m:.2g} m off, with precision {precision:.2g} and "
+            f"recall {recall:.2g}"
+        )
+    return ""

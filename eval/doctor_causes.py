@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from conegraph.eval.doctor_estimate import (
+    colourless_map,
     drift,
     false_closure,
     missed_closure,
@@ -172,6 +173,13 @@ CAUSES = (
         "conegraph tune estimates the noise; else raise "
         "motion.slip_sigma_m_per_sqrt_m or motion.odometry_scale",
         overconfidence,
+    ),
+    Cause(
+        "colourless_map",
+        NOISE,
+        "the cones have no colours",
+        "check detector and light; a source that knows no colours gives none",
+        colourless_map,
     ),
 )
 """Everything that is looked for."""

@@ -52,7 +52,9 @@ def false_closure(case: Case) -> Evidence | None:
         f"the pose jumped {off[k]:.1f} m off what odometry says, {sigmas[k]:.0f} of "
         "its own sigmas: no loop that closes rightly does so"
     )
-    return Evidence(float(off[k]), 1.0, float(case.stamp_s[k]), text)
+    return Evidence(
+        "jump of the pose", "m", float(off[k]), 1.0, float(case.stamp_s[k]), text
+    )
 
 
 def starved_associations(case: Case) -> Evidence | None:
@@ -66,7 +68,7 @@ def starved_associations(case: Case) -> Evidence | None:
     share = float(idle.sum() / here.sum())
     counts = ", ".join(f"{100 * (status[here] == s).mean():.0f} % {s}" for s in bad)
     text = f"{100 * share:.0f} % of the cones seen are of no use: {counts}"
-    return Evidence(share, 0.25, case.busiest_s(idle), text)
+    return Evidence("sights of no use", "%", share, 0.25, case.busiest_s(idle), text)
 
 
 def split_cones(case: Case) -> Evidence | None:
@@ -82,7 +84,9 @@ def split_cones(case: Case) -> Evidence | None:
     share = float((landmarks > 1).mean())
     torn = np.isin(case.track, cone[landmarks > 1])
     text = f"{100 * share:.0f} % of the cones were taken for two or more while in view"
-    return Evidence(share, 0.1, case.busiest_s(torn), text)
+    return Evidence(
+        "cones taken for several", "%", share, 0.1, case.busiest_s(torn), text
+    )
 
 
 def drift(case: Case) -> Evidence | None:
@@ -99,7 +103,8 @@ def drift(case: Case) -> Evidence | None:
         f"greatest correction is {off[j]:.2g} m at {case.stamp_s[j]:.1f} s"
     )
     limit = max(DRIFT_M, DRIFT_SHARE * case.driven_m)
-    return Evidence(float(own[k]), limit, float(cov.stamp_s[k]), text)
+    at_s = float(cov.stamp_s[k])
+    return Evidence("doubt about the place", "m", float(own[k]), limit, at_s, text)
 
 
 def missed_closure(case: Case) -> Evidence | None:
@@ -108,18 +113,19 @@ def missed_closure(case: Case) -> Evidence | None:
         return None
     pose = case.run.trajectory.pose
     way = np.cumsum(np.hypot(case.moved[:, 0], case.moved[:, 1]))
-    missed = []
-    for k in _returns(pose, way):
+    missed, returns = [], _returns(pose, way)
+    for k in returns:
         near = np.abs(np.interp(_closed_s(case), case.stamp_s, way) - way[k])
         if not case.lost[k] and not (near < CLOSES_WITHIN_M).any():
             missed.append(k)
     if not missed:
         return None
     text = (
-        f"the car came back to its start {len(missed)} times without closing the loop; "
-        f"{_refusals(case)}"
+        f"of {len(returns)} times that the car came back to its start, the loop was "
+        f"not closed {len(missed)} times; {_refusals(case)}"
     )
-    return Evidence(float(len(missed)), 0.5, float(case.stamp_s[missed[0]]), text)
+    share, at_s = len(missed) / len(returns), float(case.stamp_s[missed[0]])
+    return Evidence("returns without a closure", "%", share, 0.1, at_s, text)
 
 
 def _returns(pose: Array, way: Array) -> list[int]:
@@ -154,5 +160,22 @@ def _refusals(case: Case) -> str:
 
 def overconfidence(case: Case) -> Evidence:
     """Compare the innovations with what the filter said of them."""
-    text = f"NIS per degree of freedom is {case.nis_per_dof:.2f}, where 1 is right"
-    return Evidence(case.nis_per_dof, OVERCONFIDENT, case.worst_nis_s, text)
+    text = (
+        "sights lie farther from where the estimate expects them than it allows for: "
+        f"squared, and over what it allows, {case.nis_per_dof:.2f} where 1 is right"
+    )
+    name = "NIS per degree of freedom"
+    return Evidence(name, "", case.nis_per_dof, OVERCONFIDENT, case.worst_nis_s, text)
+
+
+def colourless_map(case: Case) -> Evidence | None:
+    """Count the cones of the map whose colour is unknown."""
+    cones = case.run.cone_map
+    if len(cones) == 0:
+        return None
+    share = float((cones.cone_class == ConeClass.UNKNOWN).mean())
+    text = (
+        f"{100 * share:.0f} % of the map's cones have no colour: neither the start nor "
+        "the sides of the road can be told by it"
+    )
+    return Evidence("cones without a colour", "%", share, 0.5, float("nan"), text)

@@ -13,12 +13,16 @@ class Evidence:
     """A figure of a run beside what a good run stays below.
 
     Attributes:
-        measured: the figure.
-        limit: what a healthy run does not exceed, in the same unit.
+        name: what the figure is.
+        unit: its unit, empty for counts and factors; of a share ``%``.
+        measured: the figure; a share from 0 to 1.
+        limit: what a healthy run does not exceed, likewise.
         at_s: the time to look at, NaN where there is none.
         text: what was measured, in words.
     """
 
+    name: str
+    unit: str
     measured: float
     limit: float
     at_s: float

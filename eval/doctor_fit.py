@@ -1,7 +1,7 @@
 """What the cones of a run and its odometry say of each other, whatever a filter made.
 
 While a cone is in view it is seen from many places. Odometry puts these sights side
-by side: if all is well they fall on one point, up to noise. slope fault of odometry,
+by side: if all is well they fall on one point, up to noise. A fault of odometry,
 stamps or calibration spreads them in a way of its own. With p and psi the pose by
 odometry, R its rotation, J the quarter turn, y where the car sees a cone that stands
 at l, and ' the derivative by time::
@@ -11,7 +11,7 @@ at l, and ' the derivative by time::
                 + d J R y               the sensor appears turned left by d
                 + s (p' + psi' J R y)   frames are stamped late by s
 
-slope scale of all ranges is the same as -k: odometry and cones then speak of two worlds
+A scale of all ranges is the same as -k: odometry and cones then speak of two worlds
 that differ in size, and nothing inside a run tells which is right.
 """
 

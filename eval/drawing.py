@@ -53,7 +53,7 @@ class Margins:
     """Room around the axes, in inches."""
 
     left: float = 0.72
-    right: float = 0.12
+    right: float = 0.25
     bottom: float = 0.5
     top: float = 0.1
 

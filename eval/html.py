@@ -95,7 +95,7 @@ def _block(block: Block) -> str:
             lines = escape("\n".join(block.lines))
             return (
                 f'<div class="commands"><p>{_words(block.title)}</p>'
-                f"<pre><code>{lines}</code></pre></div>"
+                f'<pre tabindex="0"><code>{lines}</code></pre></div>'
             )
 
 
@@ -122,7 +122,8 @@ def _table(table: Table) -> str:
     # A box that scrolls must be reachable without a mouse.
     return (
         f'<div class="scroll" tabindex="0" role="region" '
-        f'aria-label="{escape(table.caption)}">\n<table>\n'
+        f'aria-label="{escape(table.caption)}">\n'
+        f'<table style="--columns:{len(table.columns)}">\n'
         f"<caption>{_words(caption)}</caption>\n"
         f'<thead><tr><th scope="col">{escape(table.corner)}</th>{head}</tr></thead>\n'
         f"{bodies}\n</table>\n</div>"

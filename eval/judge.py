@@ -20,6 +20,7 @@ from conegraph.eval.lap_drift import LapDrifts, lap_drifts
 from conegraph.eval.laps import true_laps
 from conegraph.eval.map_metrics import MapMetrics, map_metrics
 from conegraph.eval.matching import DEFAULT_GATE_M
+from conegraph.eval.pose_pairs import PosePairs, pair_with_truth
 from conegraph.eval.record import Record
 from conegraph.eval.run_metrics import (
     CostMetrics,
@@ -31,12 +32,7 @@ from conegraph.eval.run_metrics import (
 )
 from conegraph.eval.run_warnings import run_warnings, status_warnings
 from conegraph.eval.track_metrics import TrackMetrics, track_metrics, true_track
-from conegraph.eval.trajectory_metrics import (
-    PosePairs,
-    TrajectoryMetrics,
-    pair_with_truth,
-    trajectory_metrics,
-)
+from conegraph.eval.trajectory_metrics import TrajectoryMetrics, trajectory_metrics
 from conegraph.eval.truth_faults import (
     Twins,
     in_words,
@@ -134,7 +130,7 @@ def evaluate(
     run, unplaced = since_found(run)
     causal = _path_metrics(run.trajectory, truth.trajectory)
     pairs = _pairs(run, truth) if causal is not None else None
-    laps = () if causal is None else _true_laps(truth, causal, run.trajectory)
+    laps = None if causal is None else _true_laps(truth, causal, run.trajectory)
     ids, faults = _sound(truth)
     cones = _map_metrics(run, truth.cones, ids, causal, max_distance_m)
     return RunMetrics(
@@ -155,7 +151,7 @@ def evaluate(
         innovation_consistency=innovation_consistency(
             run.consistency.nis, run.consistency.dof
         ),
-        lap_drift=None if pairs is None else lap_drifts(pairs, laps),
+        lap_drift=None if pairs is None else lap_drifts(pairs, laps or ()),
         track=_track_metrics(run, truth.cones, cones, pairs),
         truth_faults=faults,
     )

@@ -9,13 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from conegraph.eval.align import distance, rms
+from conegraph.eval.pose_pairs import PosePairs, path_length, starts_together
 from conegraph.eval.record import Record
-from conegraph.eval.trajectory_metrics import (
-    PosePairs,
-    path_length,
-    relative_error,
-    starts_together,
-)
+from conegraph.eval.relative_error import relative_error
 from conegraph.types import Array, IntArray, Lap
 
 

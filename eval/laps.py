@@ -6,7 +6,7 @@ import numpy as np
 
 from conegraph.backends.laps import LapCounter
 from conegraph.config import StartLineConfig
-from conegraph.eval.trajectory_metrics import MAX_TRUTH_GAP_S, path_length
+from conegraph.eval.pose_pairs import MAX_TRUTH_GAP_S, path_length
 from conegraph.types import Array, IntArray, Lap, Trajectory
 
 COARSE_S = 0.2

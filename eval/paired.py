@@ -11,11 +11,12 @@ import numpy as np
 from conegraph.eval.record import Record
 from conegraph.eval.statistics import (
     Estimate,
+    Middle,
     Rate,
     estimate,
     holm,
-    rate,
-    sign_test,
+    mcnemar,
+    rate_over,
     signed_rank,
 )
 from conegraph.eval.suite_metrics import MAIN, METRICS, Metric
@@ -52,8 +53,17 @@ class Effect(Record):
         return 1.0 if self.metric.effect == "ratio" else 0.0
 
     @property
+    def known(self) -> bool:
+        """Whether there are enough pairs to say how certain it is."""
+        return math.isfinite(self.size.interval.low)
+
+    @property
     def shown(self) -> bool:
-        """Whether there is a difference: by the interval and by the test."""
+        """Whether there is a difference: by the interval and by the corrected test.
+
+        The interval is of this metric alone, so that it may leave out "no difference"
+        where the test, which is corrected for all that are looked at, shows none.
+        """
         return self.size.interval.excludes(self.none) and self.p < LEAST_P
 
     @property
@@ -67,11 +77,9 @@ class Effect(Record):
     @property
     def says(self) -> str:
         """What size, interval and test say together."""
-        if not math.isfinite(self.size.interval.low):
+        if not self.known:
             return "too few pairs to tell"
-        if not self.size.interval.excludes(self.none):
-            return NO_DIFFERENCE
-        return f"{self.better} is better" if self.better else "not certain"
+        return f"{self.better} is better" if self.better else NO_DIFFERENCE
 
     @property
     def sentence(self) -> str:
@@ -81,7 +89,7 @@ class Effect(Record):
         size = (
             f"{self.metric.label}: {second}{sign}{first} {self.text(self.size.value)}"
         )
-        if not math.isfinite(self.size.interval.low):
+        if not self.known:
             return f"{size}: {self.says}"
         low, high = (
             self.text(self.size.interval.low),
@@ -103,7 +111,7 @@ class Failures(Record):
     Attributes:
         rates: of both.
         only: streams on which only the first, and only the second failed.
-        p: of McNemar's exact test.
+        p: of McNemar's exact test, by track where there are enough.
     """
 
     names: tuple[str, str]
@@ -151,12 +159,12 @@ class Duel(Record):
     def scope(self) -> str:
         """What was compared, and how far it holds."""
         first, second = self.names
-        said = f"{second} against {first} over {self.streams} streams"
+        said = f"{second} against {first} over {_counted(self.streams, 'stream')}"
         if self.left_out:
             said += f", {self.left_out} of them left out of what follows for a failure"
         if self.general:
             return f"{said}; it holds for tracks like these {self.tracks}"
-        return f"{said}; it holds for these {self.tracks} tracks only"
+        return f"{said}; it holds for {these_tracks(self.tracks)} only"
 
     @property
     def general(self) -> bool:
@@ -205,6 +213,15 @@ def duels(rows: Sequence[SuiteRow]) -> tuple[Duel, ...]:
     )
 
 
+def these_tracks(count: int) -> str:
+    """Return how those tracks are called that were driven on."""
+    return "this track" if count == 1 else f"these {count} tracks"
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"
+
+
 def p_text(p: float) -> str:
     """Return a probability as it is written."""
     return f"p {p:.3f}" if p >= 0.001 else "p < .001"
@@ -245,8 +262,9 @@ def _effect(
     first, second = first[known], second[known]
     off = np.log(second / first) if ratio else second - first
     tracks = [a.track for (a, _), k in zip(pairs, known, strict=True) if k]
-    size = estimate(off, tracks, "median" if ratio else "mean", rng)
-    p = signed_rank(off, tracks)
+    middle: Middle = "median" if ratio else "mean"
+    size = estimate(off, tracks, middle, rng)
+    p = signed_rank(off, tracks, middle)
     return Effect(
         metric, names, size.mapped(np.exp) if ratio else size, p, int((~known).sum())
     )
@@ -256,5 +274,6 @@ def _failures(names: tuple[str, str], pairs: Sequence[Pair]) -> Failures:
     failed = np.array([[row.failed for row in pair] for pair in pairs], dtype=np.bool_)
     first, second = failed.reshape(-1, 2).T
     only = int((first & ~second).sum()), int((second & ~first).sum())
-    rates = tuple(rate(int(one.sum()), len(pairs)) for one in (first, second))
-    return Failures(names, (rates[0], rates[1]), only, sign_test(*only))
+    tracks = [row.track for row, _ in pairs]
+    rates = rate_over(first, tracks), rate_over(second, tracks)
+    return Failures(names, rates, only, mcnemar(first, second, tracks))

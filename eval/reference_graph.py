@@ -25,7 +25,7 @@ from conegraph.backends.motion import OdometryIncrement, yaw_rate_bias_sigma
 from conegraph.backends.odometry_queue import OdometryQueue
 from conegraph.backends.solver import solve
 from conegraph.config import MotionConfig
-from conegraph.eval.trajectory_metrics import pair_with_truth
+from conegraph.eval.pose_pairs import pair_with_truth
 from conegraph.geometry import between, to_child
 from conegraph.types import (
     Array,

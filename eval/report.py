@@ -40,7 +40,9 @@ WORDS = (
 def render_table(comparison: Comparison) -> TerminalTable:
     """Return one table with a column a run and the best value of each row in bold."""
     stands_out = any(row.best for row in comparison.rows)
-    caption = "bold: best" if stands_out else None
+    caption = (
+        "bold: best, where one run of each shows a difference" if stands_out else None
+    )
     table = TerminalTable(caption=caption, caption_justify="left")
     table.add_column("")
     for name in comparison.names:

@@ -46,6 +46,8 @@ class CostMetrics(Record):
             does not grow with the run. NaN with less than two laps.
         peak_memory_mb: greatest resident memory of the process, MiB, since it began:
             of runs in one process a later one is never below an earlier.
+        mapping: where the graph was solved: ``inline``, between two frames, or in a
+            ``process`` of its own; empty of a back end without a graph.
     """
 
     log_s: float
@@ -54,6 +56,7 @@ class CostMetrics(Record):
     lap_p99_ms: tuple[float, ...]
     p99_growth: float
     peak_memory_mb: float
+    mapping: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +115,7 @@ def cost_metrics(
         lap_p99_ms=lap_p99_ms,
         p99_growth=lap_p99_ms[-1] / lap_p99_ms[0] if grown else _NAN,
         peak_memory_mb=number(summary, "peak_memory_mb"),
+        mapping=str(summary.get("mapping", "")),
     )
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from conegraph.eval.trajectory_metrics import MAX_TRUTH_GAP_S, TrajectoryMetrics
+from conegraph.eval.pose_pairs import MAX_TRUTH_GAP_S
+from conegraph.eval.trajectory_metrics import TrajectoryMetrics
 from conegraph.io.run_folder import RunFolder
 from conegraph.types import Status, Trajectory
 

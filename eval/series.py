@@ -9,8 +9,8 @@ import numpy as np
 from conegraph.eval.align import distance
 from conegraph.eval.consistency import pose_nees
 from conegraph.eval.judge import RunMetrics, Truth, since_found
+from conegraph.eval.pose_pairs import pair_with_truth, path_length
 from conegraph.eval.run_metrics import FRAME, cost_metrics
-from conegraph.eval.trajectory_metrics import pair_with_truth, path_length
 from conegraph.geometry import between, compose, inverse, to_parent, wrap_angle
 from conegraph.io.run_folder import RunFolder
 from conegraph.types import Array, IntArray

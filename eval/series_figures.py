@@ -81,13 +81,15 @@ def nees_over_time(
     )
     if not drawn:
         return None
-    count = max(len(of_one) for of_one in runs.values())
-    low, high = nees_bounds(POSE_DOF, count)
+    counts = [len(of_one) for of_one in runs.values() if of_one]
+    # The widest band, that of the fewest runs: a line of more should lie well inside.
+    low, high = nees_bounds(POSE_DOF, min(counts))
     axes.axhspan(low, high, color=GOOD_COLOUR, zorder=0, label="95 % of χ²")
     axes.set_yscale("log")
     plain_decades(axes.yaxis)
     legend_above(axes)
-    line = "Each line is the mean over runs" if count > 1 else "Each line is one run"
+    mean = max(counts) > 1
+    line = "Each line is the mean over runs" if mean else "Each line is one run"
     see = (
         f"{line}. Inside the grey band ({low:.2f} to {high:.2f}) its covariances are "
         "as large as its errors. Above, the back end is too sure of itself; below, too "
@@ -148,7 +150,8 @@ def latency_over_laps(
     axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     legend_above(axes)
     see = (
-        "A level line is a cost that does not grow with the length of the drive."
+        "A level line is a cost that does not grow with the length of the drive. One "
+        "frame in a hundred took longer; the longest of all is said with the verdict."
         + _band_words(runs)
     )
     title = f"The slowest frames (99th percentile), lap by lap{about}"

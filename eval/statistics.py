@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from conegraph.eval.record import Record
-from conegraph.types import Array
+from conegraph.types import Array, Mask
 
 CONFIDENCE = 0.95
 
@@ -85,8 +85,7 @@ class Rate(Record):
     Attributes:
         count: how often.
         of: in how many runs.
-        interval: Wilson's for the probability, as if runs were independent: where all
-            of it happens on one track, the true interval is wider.
+        interval: Wilson's for the probability.
 
     Source: E. B. Wilson, "Probable inference, the law of succession, and statistical
     inference", JASA 22, 1927.
@@ -123,40 +122,77 @@ def estimate(
     return Estimate(value, interval, len(values), len(own), general)
 
 
-def signed_rank(values: Array, groups: Sequence[str]) -> float:
+def signed_rank(values: Array, groups: Sequence[str], middle: Middle) -> float:
     """Return how likely values (N,) as far from 0 are if their middle is 0.
 
-    Wilcoxon's signed-rank test, two-sided, of the groups' medians where there are
+    Wilcoxon's signed-rank test, two-sided, of the groups' middles where there are
     enough groups, and of the values otherwise. Zeros say nothing; 1 with nothing else.
+    It is exact also where values are equal, up to 13 of them, and up to 50 where none
+    are (`scipy.stats.wilcoxon`).
 
     Source: F. Wilcoxon, "Individual comparisons by ranking methods", 1945.
     """
-    own, of_group = np.unique(np.array(groups, dtype=np.str_), return_inverse=True)
-    ranked = values
-    if len(own) >= LEAST_GROUPS:
-        ranked = np.array([np.median(s) for s in _by_group(values, of_group)])
+    samples = _units(values, groups)
+    ranked = np.array([float(_middle(s, middle, -1)) for s in samples])
     ranked = ranked[ranked != 0.0]
     return float(stats.wilcoxon(ranked).pvalue) if len(ranked) else 1.0
 
 
-def sign_test(fewer: int, more: int) -> float:
-    """Return how likely so uneven a split is if both sides are as likely, two-sided.
+def mcnemar(first: Mask, second: Mask, groups: Sequence[str]) -> float:
+    """Return how likely failures (N,) of two are as uneven if both fail as often.
 
-    Of pairs of which one failed it is McNemar's exact test.
+    Pairs of which one failed are counted for the other (McNemar); where there are
+    enough groups, each group counts once, for whom it has more.
 
     Source: Q. McNemar, "Note on the sampling error of the difference between
     correlated proportions or percentages", Psychometrika 12, 1947.
     """
+    off = second.astype(np.float64) - first
+    more = np.array([sample.sum() for sample in _units(off, groups)])
+    return sign_test(int((more < 0).sum()), int((more > 0).sum()))
+
+
+def sign_test(fewer: int, more: int) -> float:
+    """Return how likely so uneven a split is if both sides are as likely, two-sided."""
     total = fewer + more
     return float(stats.binomtest(fewer, total).pvalue) if total else 1.0
 
 
-def rate(count: int, of: int) -> Rate:
-    """Return a share with its interval."""
+def rate(count: int, of: int, worth: float | None = None) -> Rate:
+    """Return a share with its interval.
+
+    Args:
+        count: how often something happened.
+        of: in how many runs.
+        worth: how many independent runs they are worth, all of them by default.
+    """
     if of == 0:
         return Rate(0, 0, Interval(_NAN, _NAN))
-    found = stats.binomtest(count, of).proportion_ci(CONFIDENCE, method="wilson")
-    return Rate(count, of, Interval(float(found.low), float(found.high)))
+    n, p = of if worth is None else worth, count / of
+    z = float(stats.norm.isf(0.5 * (1.0 - CONFIDENCE)))
+    middle = (p + z**2 / (2.0 * n)) / (1.0 + z**2 / n)
+    half = z / (1.0 + z**2 / n) * math.sqrt(p * (1.0 - p) / n + (0.5 * z / n) ** 2)
+    return Rate(count, of, Interval(max(middle - half, 0.0), min(middle + half, 1.0)))
+
+
+def rate_over(happened: Mask, groups: Sequence[str]) -> Rate:
+    """Return how often something happened (N,) in runs that come in groups.
+
+    Runs of one group are alike: where there are enough groups, N runs are worth
+    N / deff independent ones, deff the variance of the share over the groups beside
+    that of independent runs. Where it never or always happened nothing tells.
+
+    Source: the design effect, L. Kish, "Survey Sampling", 1965.
+    """
+    count, of = int(happened.sum()), len(happened)
+    samples = _units(happened.astype(np.float64), groups)
+    if not 0 < count < of or len(samples) == of:
+        return rate(count, of)
+    share, n = count / of, len(samples)
+    off = np.array([(sample - share).sum() for sample in samples])
+    variance = n / (n - 1) * float((off**2).sum()) / of**2
+    worth = share * (1.0 - share) / variance if variance > 0.0 else of
+    return rate(count, of, min(max(worth, 1.0), of))
 
 
 def holm(p: Sequence[float]) -> list[float]:
@@ -174,6 +210,14 @@ def holm(p: Sequence[float]) -> list[float]:
     corrected[order] = np.minimum(np.maximum.accumulate(steps), 1.0)
     found: list[float] = corrected.tolist()
     return found
+
+
+def _units(values: Array, groups: Sequence[str]) -> list[Array]:
+    """Return what is independent: the groups if there are enough, else each value."""
+    own, of_group = np.unique(np.array(groups, dtype=np.str_), return_inverse=True)
+    if len(own) >= LEAST_GROUPS:
+        return _by_group(values, of_group)
+    return list(values[:, None])
 
 
 def _by_group(values: Array, of_group: NDArray[np.intp]) -> list[Array]:

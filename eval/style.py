@@ -53,15 +53,20 @@ td.best { font-weight: 700; }
 tbody tr { background: var(--paper); }
 tbody tr:nth-child(even) { background: var(--stripe); }
 @media (max-width: 40rem) {
-  th, td { padding: .3rem .35rem; }
-  th[scope=row] { min-width: 6.5rem; }
-  td { white-space: normal; }
-  td.words { min-width: 8rem; } }
+  table, caption, thead, tbody { display: block; }
+  table { font-size: .75rem; }
+  caption { font-size: .9rem; }
+  tr { display: grid; padding: .2rem 0;
+    grid-template-columns: repeat(var(--columns), minmax(0, 1fr)); }
+  th, td, td.words { padding: 0 .2rem; white-space: normal; min-width: 0;
+    overflow-wrap: anywhere; }
+  th[scope=row], th[scope=rowgroup], thead th:first-child { grid-column: 1 / -1;
+    position: static; font-size: .85rem; }
+  thead th:first-child:empty { display: none; } }
 .commands { margin: 1rem 0; break-inside: avoid; }
 .commands p { margin: 0 0 .2rem; }
 pre { background: var(--stripe); border: 1px solid var(--line); border-radius: 6px;
-  padding: .6rem .8rem; margin: 0; font-size: .85rem; white-space: pre-wrap;
-  overflow-wrap: anywhere; }
+  padding: .6rem .8rem; margin: 0; font-size: .85rem; overflow-x: auto; }
 @media print {
   :root { --ink: #000; --soft: #333; --paper: #fff; --line: #999; --stripe: #fff;
     --warn: #fff; }
@@ -71,6 +76,7 @@ pre { background: var(--stripe); border: 1px solid var(--line); border-radius: 6
   h2, caption { break-after: avoid; }
   tr { break-inside: avoid; }
   .scroll { overflow: visible; }
+  pre { white-space: pre-wrap; overflow-wrap: anywhere; }
   table { font-size: 8.5pt; }
   th, td { padding: .15rem .35rem; white-space: normal; }
   .gallery, .gallery.wide { grid-template-columns: 1fr 1fr; }

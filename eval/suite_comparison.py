@@ -9,7 +9,7 @@ import numpy as np
 
 from conegraph.eval.paired import Duel, Pair, duel, duels
 from conegraph.eval.record import Record
-from conegraph.eval.statistics import Estimate, Rate, estimate, rate
+from conegraph.eval.statistics import Estimate, Rate, estimate, rate_over
 from conegraph.eval.suite_metrics import METRICS, Metric
 from conegraph.eval.suite_rows import SuiteRow
 from conegraph.eval.suite_verdict import findings
@@ -83,7 +83,7 @@ def compare_suite(rows: Sequence[SuiteRow]) -> SuiteComparison:
     pairs = duels(rows)
     contenders = tuple(_contender(name, own) for name, own in by_name.items())
     return SuiteComparison(
-        findings=findings({one.name: one.failures for one in contenders}, pairs),
+        findings=findings({c.name: c.failures for c in contenders}, pairs, rows),
         contenders=contenders,
         metrics=METRICS,
         duels=pairs,
@@ -92,17 +92,21 @@ def compare_suite(rows: Sequence[SuiteRow]) -> SuiteComparison:
 
 
 def compare_versions(old: Sequence[SuiteRow], new: Sequence[SuiteRow]) -> VersionDiff:
-    """Compare two results run by run: same stream, same back end and profile."""
+    """Compare two results run by run: same stream, same back end and profile.
+
+    The two sides are called by their settings where these differ, else old and new.
+    """
     before = {(row.stream, row.contender): row for row in old}
     after = {(row.stream, row.contender): row for row in new}
     both: dict[str, list[Pair]] = {}
     for key, row in before.items():
         if key in after:
             both.setdefault(row.contender, []).append((row, after[key]))
+    before_is, after_is = _sides(old, new)
     fixed = [metric.name for metric in METRICS if not metric.varies]
     return VersionDiff(
         duels=tuple(
-            duel((f"{name} (old)", f"{name} (new)"), pairs)
+            duel((f"{name} ({before_is})", f"{name} ({after_is})"), pairs)
             for name, pairs in both.items()
         ),
         only_old=_only(before, after),
@@ -117,10 +121,18 @@ def compare_versions(old: Sequence[SuiteRow], new: Sequence[SuiteRow]) -> Versio
             for a, b in pairs
         ),
         notes=(
-            *(f"old: {note}" for note in _notes(old)),
-            *(f"new: {note}" for note in _notes(new)),
+            *(f"{before_is}: {note}" for note in _notes(old)),
+            *(f"{after_is}: {note}" for note in _notes(new)),
         ),
     )
+
+
+def _sides(old: Sequence[SuiteRow], new: Sequence[SuiteRow]) -> tuple[str, str]:
+    """Return what to call two results."""
+    one, other = ({row.settings for row in rows} for rows in (old, new))
+    if one == other or len(one) != 1 or len(other) != 1:
+        return "old", "new"
+    return one.pop() or "as shipped", other.pop() or "as shipped"
 
 
 def _only(
@@ -134,7 +146,10 @@ def _contender(name: str, rows: Sequence[SuiteRow]) -> Contender:
     fine = [row for row in rows if not row.failed]
     return Contender(
         name,
-        rate(len(rows) - len(fine), len(rows)),
+        rate_over(
+            np.array([row.failed for row in rows], dtype=np.bool_),
+            [row.track for row in rows],
+        ),
         tuple(median_of(metric, fine, rng) for metric in METRICS),
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from textwrap import fill
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -31,6 +32,21 @@ DRAWN = (
 )
 """Ratios that are drawn; of all of them less is better."""
 
+RULE = (
+    "A difference is shown where the interval leaves out "
+    '"no difference" and p is below .05; p is corrected for how many figures are '
+    "looked at, the interval is that of one figure by itself."
+)
+
+BARS = (
+    "Each dot is the median ratio over the same drives, its bar the 95 % interval; "
+    "coloured and filled where a difference is shown, grey and hollow where none is."
+)
+"""How to read the drawings."""
+
+LABEL_LETTERS = 18
+"""As many stand in the margin of a drawing."""
+
 ROW_IN = 0.38
 TICKS: tuple[tuple[float, tuple[float, ...]], ...] = (
     (1.3, (0.8, 0.9, 1.0, 1.1, 1.25)),
@@ -58,7 +74,7 @@ def duel_table(duel: Duel) -> Table:
         for effect in ordered
     )
     return Table(
-        f"{duel.scope}. Every p is corrected for how many there are.",
+        f"{duel.scope}. Each p is corrected for how many there are, no interval is.",
         ("size", "95 % interval", "p", "shows"),
         rows,
         words=frozenset({3}),
@@ -68,7 +84,7 @@ def duel_table(duel: Duel) -> Table:
 def _told(effect: Effect) -> tuple[str, str, str]:
     """Return the interval, p and what they show, in words."""
     interval = effect.size.interval
-    if not np.isfinite(interval.low):
+    if not effect.known:
         return "-", "-", effect.says
     ends = f"{effect.text(interval.low)} to {effect.text(interval.high)}"
     return ends, p_text(effect.p), effect.says
@@ -82,8 +98,7 @@ def duel_picture(duel: Duel, name: str, stroke: Mapping[str, Stroke]) -> Picture
         name: of the picture, unique in the page.
         stroke: of each contender.
     """
-    known = [e for e in duel.effects if np.isfinite(e.size.interval.low)]
-    of_name = {effect.metric.name: effect for effect in known}
+    of_name = {e.metric.name: e for e in duel.effects if e.known}
     effects = [of_name[name] for name in reversed(DRAWN) if name in of_name]
     if not effects:
         return None
@@ -101,11 +116,7 @@ def duel_picture(duel: Duel, name: str, stroke: Mapping[str, Stroke]) -> Picture
         (f"{first} better \u2192", 1.0, "right"),
     ):
         axes.text(x, 1.02, text, ha=side, transform=axes.transAxes, fontsize=LETTERS_PT)
-    see = (
-        f"Left of the line {second} is better, right of it {first}. A bar is the 95 % "
-        "interval of the median ratio over the same drives; coloured and filled where "
-        "a difference is shown, grey and hollow where none is."
-    )
+    see = f"Left of the line {second} is better, right of it {first}."
     return Picture(name, f"{second} beside {first}", see, svg_text(figure, name))
 
 
@@ -118,7 +129,7 @@ def _scale(
     axes.xaxis.set_minor_locator(NullLocator())
     axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axes.set_ylim(-0.6, len(labels) - 0.4)
-    shown = [label.replace(", ", ",\n") for label in labels]
+    shown = [fill(label, LABEL_LETTERS) for label in labels]
     axes.set_yticks(range(len(labels)), shown, fontsize=LETTERS_PT - 1.0)
     axes.axvline(1.0, color=INK, lw=1.0)
 

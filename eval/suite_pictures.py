@@ -90,16 +90,16 @@ def truth_notes(rows: Sequence[SuiteRow], series: SeriesFolder) -> tuple[str, ..
 
 def median_maps(grouped: Grouped, series: SeriesFolder) -> tuple[Picture, ...]:
     """Draw the map of each contender's median run over the truth."""
-    return _maps(grouped, series, 0.5, "median-map")
+    return _maps(grouped, series, 0.5, "median")
 
 
 def worst_maps(grouped: Grouped, series: SeriesFolder) -> tuple[Picture, ...]:
     """Draw the map of each contender's worst run over the truth."""
-    return _maps(grouped, series, 1.0, "worst-map")
+    return _maps(grouped, series, 1.0, "worst")
 
 
 def _maps(
-    grouped: Grouped, series: SeriesFolder, quantile: float, prefix: str
+    grouped: Grouped, series: SeriesFolder, quantile: float, which: str
 ) -> tuple[Picture, ...]:
     maps, titles, about = {}, {}, {}
     for name, rows in grouped.items():
@@ -111,9 +111,10 @@ def _maps(
         if found is not None:
             failed = f" Failed: {row.reason}." if row.failed else ""
             maps[name] = found[1]
-            titles[name] = f"{name}: {number_text(row.metrics[MAP_ERROR], 3)} m off"
+            error = number_text(row.metrics[MAP_ERROR], 3)
+            titles[name] = f"{name}, {which} run: {error} m off"
             about[name] = f"{where(row)}.{failed}"
-    return draw_overlays(maps, titles, about=about, prefix=prefix)
+    return draw_overlays(maps, titles, about=about, prefix=f"{which}-map")
 
 
 def way_pictures(

@@ -26,7 +26,7 @@ from conegraph.eval.series_figures import (
     nees_over_time,
 )
 from conegraph.eval.suite_comparison import SuiteComparison, compare_suite
-from conegraph.eval.suite_duels import duel_picture, duel_table
+from conegraph.eval.suite_duels import BARS, RULE, duel_picture, duel_table
 from conegraph.eval.suite_pictures import (
     Grouped,
     SeriesFolder,
@@ -57,6 +57,12 @@ WORDS = (
     "squared error over the covariance that the back end states. p99: 99 of 100 frames "
     "are faster. Times are of the machine at hand: read them as ratios."
 )
+MEDIAN = (
+    "The middle one of all runs of each back end, of all tracks and sensors, in order "
+    "of the map's error with failed runs last; of two in the middle the better one. "
+    "Under it stands which drive it is: each back end may have another."
+)
+WORST_MAP = "The last one in the same order, a failed one if there is any:"
 WORST = 10
 """As many of the worst runs are shown, with the commands that replay them."""
 
@@ -138,7 +144,7 @@ def _duels(comparison: SuiteComparison) -> tuple[Block, ...]:
         for number, duel in enumerate(comparison.duels, 1)
     ]
     pictures = tuple(picture for picture in drawn if picture is not None)
-    return (Gallery(pictures),) if pictures else ()
+    return (Paragraph(f"{BARS} {RULE}"), Gallery(pictures)) if pictures else ()
 
 
 def _alone(comparison: SuiteComparison, grouped: Grouped) -> tuple[Block, ...]:
@@ -155,9 +161,9 @@ def _maps(grouped: Grouped, series: SeriesFolder) -> tuple[Block, ...]:
         return ()
     return (
         Paragraph(KEY),
-        Paragraph("The run of each back end whose map is its median:"),
+        Paragraph(MEDIAN),
         Gallery(median),
-        Paragraph("Its worst run, a failed one if there is any:"),
+        Paragraph(WORST_MAP),
         Gallery(worst),
     )
 
@@ -175,10 +181,10 @@ def _along(grouped: Grouped, series: SeriesFolder) -> tuple[Block, ...]:
 def _worst(rows: Sequence[SuiteRow]) -> tuple[Block, ...]:
     ranked = sorted(rows, key=badness, reverse=True)[:WORST]
     replays = [f"{row.command} --save-rrd" for row in ranked]
-    run = ranked[0].contender.replace("/", "-")
-    look = ("conegraph view out/replay", f"conegraph doctor out/replay/{run}")
+    first, run = ranked[0].command.split()[-1], ranked[0].contender.replace("/", "-")
+    look = (f"conegraph view {first}", f"conegraph doctor {first}/{run}")
     title = (
         "Replay one of these, in the order of the table; then look at it in Rerun and "
-        "ask what went wrong:"
+        "ask what went wrong, here of the first:"
     )
     return (worst_table(ranked), Commands(title, (*replays, *look)))

@@ -77,6 +77,12 @@ class SuiteRow(Row):
         return named if self.profile == "default" else f"{named}/{self.profile}"
 
     @property
+    def mapping(self) -> str:
+        """Where iSAM2's graph was solved, ``inline`` or ``process``; else empty."""
+        beside = "backend.mapping=process" in self.settings.split()
+        return ("process" if beside else "inline") * (self.backend == "isam2")
+
+    @property
     def key(self) -> str:
         """What tells it from all other rows of a folder."""
         return row_key(self.stream, self.contender, self.config_hash)
@@ -84,7 +90,7 @@ class SuiteRow(Row):
     @property
     def series(self) -> str:
         """The file with what happened along the way, in the results' folder."""
-        return series_file(self.key)
+        return f"series/{short_name(self.key)}.npz"
 
 
 _OWN = tuple(name for name in SuiteRow.model_fields if name != "metrics")
@@ -95,9 +101,9 @@ def row_key(stream: str, contender: str, config_hash: str) -> str:
     return f"{stream} {contender} {config_hash}"
 
 
-def series_file(key: str) -> str:
-    """Return where the series of a row with this key lie, in the results' folder."""
-    return f"series/{hashlib.sha256(key.encode()).hexdigest()[:16]}.npz"
+def short_name(key: str) -> str:
+    """Return what files and folders of the row with this key are called."""
+    return hashlib.sha256(key.encode()).hexdigest()[:16]
 
 
 def write_results(path: Path, rows: Sequence[SuiteRow]) -> None:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
-from conegraph.eval.paired import NO_DIFFERENCE, Duel, Effect, rate_text
+from conegraph.eval.paired import NO_DIFFERENCE, Duel, Effect, rate_text, these_tracks
 from conegraph.eval.statistics import Rate
 from conegraph.eval.suite_metrics import MAIN
+from conegraph.eval.suite_rows import SuiteRow
+from conegraph.eval.verdict import MAPPING
 
 SHORT = {
     "map_rmse_aligned_m": "map error",
@@ -20,29 +23,46 @@ LARGE = 2.0
 """Ratios from here on are said as such: 500 % higher is hard to imagine."""
 
 
-def findings(rates: Mapping[str, Rate], duels: Sequence[Duel]) -> tuple[str, ...]:
-    """Return sentences: the first two contenders, failures, the other duels.
+def findings(
+    rates: Mapping[str, Rate], duels: Sequence[Duel], rows: Sequence[SuiteRow]
+) -> tuple[str, ...]:
+    """Return sentences: the first two contenders, failures, times, the other duels.
 
     Args:
         rates: how often each contender failed.
         duels: every two of them.
+        rows: all runs.
     """
+    times = longest_frames(rows)
     if not duels:
         names = " and ".join(rates)
-        return (f"{names} ran alone, so there is nothing to compare.",)
+        return (f"{names} ran alone, so there is nothing to compare.", *times)
     first, *others = duels
-    general = (
-        "This holds for tracks like these."
-        if first.general
-        else "This holds for these tracks only: too few to speak of others."
-    )
+    general = "This holds for tracks like these."
+    if not first.general:
+        these = these_tracks(first.tracks)
+        general = f"This holds for {these} only: too few to speak of others."
     failed = ", ".join(f"{name} {rate_text(rate)}" for name, rate in rates.items())
     return (
         headline(first),
         general,
         f"Failed runs: {failed}.",
+        *times,
         *(headline(duel) for duel in others),
     )
+
+
+def longest_frames(rows: Sequence[SuiteRow]) -> tuple[str, ...]:
+    """Return the longest frame of each contender, and where its graph was solved."""
+    longest: dict[str, float] = {}
+    for row in rows:
+        ms = row.metrics["frame_max_ms"]
+        if math.isfinite(ms):
+            mapping = f", mapping {MAPPING[row.mapping]}" if row.mapping else ""
+            name = f"{row.contender}{mapping}"
+            longest[name] = max(longest.get(name, 0.0), ms)
+    said = "; ".join(f"{name}: {ms:.0f} ms" for name, ms in longest.items())
+    return (f"Longest frame of any run: {said}.",) if said else ()
 
 
 def headline(duel: Duel) -> str:
@@ -50,8 +70,8 @@ def headline(duel: Duel) -> str:
     first, second = duel.names
     main = [e for e in duel.effects if e.metric.name in MAIN]
     differ = [_difference(effect) for effect in main if effect.shown]
-    level = [_short(effect) for effect in main if effect.says == NO_DIFFERENCE]
-    unsure = [_short(e) for e in main if not e.shown and e.says != NO_DIFFERENCE]
+    level = [_short(e) for e in main if not e.shown and e.known]
+    unsure = [_short(e) for e in main if not e.known]
     if duel.failures.shown:
         differ.insert(0, _failures(duel))
     else:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 
 from conegraph.eval.judge import RunMetrics
+from conegraph.eval.run_metrics import FRAME
 
 SHOWN_RATIO = 1.1
 """Two errors closer than this are not told apart: another seed moves them more."""
@@ -20,7 +21,25 @@ ONE_RUN = (
     "This is one run of each over one stream: it shows what happened here, not which "
     "is better in general."
 )
+MAPPING = {"inline": "in line", "process": "in a process of its own"}
+"""Where a graph is solved: only in line a frame waits for it."""
+
 _Values = dict[str, float]
+
+
+def differ(a: float, b: float, unit: str, *, share: bool = False) -> bool:
+    """Whether one run of each tells two figures apart.
+
+    Args:
+        a: the one.
+        b: the other.
+        unit: of both.
+        share: whether they are shares of cones.
+    """
+    low, high = sorted((a, b))
+    if share:
+        return high - low >= SHOWN_SHARE
+    return high > max(SHOWN_RATIO * low, low + SHOWN_M * (unit == "m"))
 
 
 def findings(metrics: Mapping[str, RunMetrics]) -> tuple[str, ...]:
@@ -31,7 +50,7 @@ def findings(metrics: Mapping[str, RunMetrics]) -> tuple[str, ...]:
         m.map is not None or m.trajectory is not None for m in metrics.values()
     )
     if not judged:
-        return _said("There is no truth to judge accuracy by.", _speed(metrics))
+        return ("There is no truth to judge accuracy by.", *_speed(metrics))
     map_error = _values(metrics, lambda m: m.map.rmse_aligned_m if m.map else math.nan)
     recall = _values(metrics, lambda m: m.map.recall if m.map else math.nan)
     precision = _values(metrics, lambda m: m.map.precision if m.map else math.nan)
@@ -39,13 +58,15 @@ def findings(metrics: Mapping[str, RunMetrics]) -> tuple[str, ...]:
         metrics, lambda m: m.trajectory.ate_se2.rmse_m if m.trajectory else math.nan
     )
     if len(metrics) == 1:
-        return (_alone(metrics, map_error, recall, precision, path_error),)
+        alone = _alone(metrics, map_error, recall, precision, path_error)
+        return (alone, *_speed(metrics))
     return _said(
         _without_map(metrics, map_error),
         _share_contest("misses the most cones", "recall", recall),
         _share_contest("has the most cones that are not there", "precision", precision),
         _error_contest("map", "aligned RMSE", map_error),
         _error_contest("path", "aligned ATE while driving", path_error),
+        *_speed(metrics),
         ONE_RUN,
     )
 
@@ -77,9 +98,8 @@ def _error_contest(what: str, measure: str, values: _Values) -> str:
         return ""
     ranked = sorted(values.items(), key=lambda item: item[1])
     best, least = ranked[0]
-    limit = max(SHOWN_RATIO * least, least + SHOWN_M)
-    level = [name for name, value in ranked if value <= limit]
-    behind = [name for name, value in ranked if value > limit]
+    behind = [name for name, value in ranked if differ(least, value, "m")]
+    level = [name for name, _ in ranked if name not in behind]
     figures = f"({measure}: {', '.join(f'{name} {v:.3f} m' for name, v in ranked)})"
     if not behind:
         return f"No difference shown in the {what} {figures}."
@@ -99,7 +119,7 @@ def _share_contest(claim: str, measure: str, values: _Values) -> str:
     if len(values) < 2:
         return ""
     ranked = sorted(values.items(), key=lambda item: item[1])
-    if ranked[-1][1] - ranked[0][1] < SHOWN_SHARE:
+    if not differ(ranked[0][1], ranked[-1][1], "", share=True):
         return ""
     figures = ", ".join(f"{name} {value:.3f}" for name, value in ranked)
     return f"{ranked[0][0]} {claim} ({measure}: {figures})."
@@ -127,11 +147,13 @@ def _alone(
     return f"{name}: {' and '.join(parts)}." if parts else f"{name}: no figure."
 
 
-def _speed(metrics: Mapping[str, RunMetrics]) -> str:
-    times = {
-        name: m.latency_ms["frame"].p50
-        for name, m in metrics.items()
-        if "frame" in m.latency_ms
-    }
-    figures = ", ".join(f"{name} {ms:.2f} ms" for name, ms in times.items())
-    return f"A median frame took {figures}." if times else ""
+def _speed(metrics: Mapping[str, RunMetrics]) -> tuple[str, ...]:
+    """Return how long frames took: half of them, 99 of 100, and the longest."""
+    said = []
+    for name, m in metrics.items():
+        if (ms := m.latency_ms.get(FRAME)) is not None:
+            mapping = f", mapping {MAPPING[m.cost.mapping]}" if m.cost.mapping else ""
+            said.append(
+                f"{name} {ms.p50:.1f}, {ms.p99:.1f} and {ms.max:.1f} ms{mapping}"
+            )
+    return (f"Frames took (median, p99, longest): {'; '.join(said)}.",) if said else ()

@@ -4,23 +4,17 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from conegraph.camera import CameraMount, RgbdFrame
 from conegraph.errors import FileFormatError
 from conegraph.frontend.realsense_file import frames_in, mount_beside
-from conegraph.frontend.realsense_frames import (
-    BACKWARDS,
-    INCOMPLETE,
-    FrameReader,
-    in_order,
-    load_library,
-)
+from conegraph.frontend.realsense_frames import load_library
+from conegraph.frontend.realsense_pairs import PairReader, Pairs, half_period_s
+from conegraph.frontend.realsense_playback import StreamPlayback, load_playback
 from conegraph.types import Event, SensorModel, Trajectory, TruthMap
-
-PLAYBACK_WAIT_MS = 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,23 +57,21 @@ class RealsenseRecording:
         """
         self.left_out.clear()
         rs = load_library()
-        pipe, config = _resolved(rs, self.path)
+        color = StreamPlayback(self.path, rs.stream.color)
+        depth = StreamPlayback(self.path, rs.stream.depth)
         try:
-            profile = pipe.start(config)
+            reader = PairReader(color, depth, self.mount)
         except RuntimeError as error:
             raise FileFormatError(self.path, f"cannot be played: {error}") from error
-        try:
-            reader = FrameReader(profile, self.mount)
-            come = 0
-            for frame in in_order(_framesets(rs, pipe, profile), reader, self.left_out):
+        pairs = Pairs(half_period_s(color.profile, depth.profile), self.left_out)
+        come = 0
+        with closing(color.pictures()) as colors, closing(depth.pictures()) as depths:
+            for pair in pairs.of(colors, depths):
                 come += 1
-                yield frame
-        finally:
-            pipe.stop()
-        known = come + self.left_out[INCOMPLETE] + self.left_out[BACKWARDS]
-        if self.n_frames is not None and self.n_frames > known:
-            # What lies between frames was counted by their numbers already.
-            ended = self.n_frames - known
+                yield reader.frame(*pair)
+        # What lies between pictures was counted by their numbers already.
+        if self.n_frames is not None and self.n_frames > pairs.colors_seen:
+            ended = self.n_frames - pairs.colors_seen
             self.left_out["frames unreadable at the end of the recording"] += ended
         if not come:
             raise FileFormatError(self.path, "holds no frame with colour and depth")
@@ -93,36 +85,7 @@ def read_realsense(path: Path) -> RealsenseRecording:
         FileFormatError: the file is none, or is cut off: then the text says how
             much of it is there.
     """
-    rs = load_library()
     mount = mount_beside(path)
     frames = frames_in(path)
-    _resolved(rs, path)
+    load_playback(path)
     return RealsenseRecording(path, mount, frames)
-
-
-def _resolved(rs: Any, path: Path) -> tuple[Any, Any]:
-    """Return a pipeline and the configuration that makes it play a file.
-
-    It plays as fast as it is read; set before the start, because in real time the
-    first frames would pass unseen.
-    """
-    pipe, config = rs.pipeline(), rs.config()
-    try:
-        config.enable_device_from_file(str(path), repeat_playback=False)
-        device = config.resolve(rs.pipeline_wrapper(pipe)).get_device()
-    except RuntimeError as error:
-        why = str(error).rpartition("Reason: ")[2]
-        raise FileFormatError(path, f"is no RealSense recording: {why}") from error
-    device.as_playback().set_real_time(False)
-    return pipe, config
-
-
-def _framesets(rs: Any, pipe: Any, profile: Any) -> Iterator[Any]:
-    """Yield framesets until the playback stops."""
-    playback = profile.get_device().as_playback()
-    while True:
-        came, frameset = pipe.try_wait_for_frames(PLAYBACK_WAIT_MS)
-        if came:
-            yield frameset
-        elif playback.current_status() == rs.playback_status.stopped:
-            return

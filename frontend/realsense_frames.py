@@ -16,6 +16,7 @@ from conegraph.types import Array
 MISSING = "frames missing in the recording"
 INCOMPLETE = "frames without colour or depth"
 BACKWARDS = "frame before the last one"
+APART = "frames whose colour and depth are of different times"
 LIBUSB_HELP = (
     "the RealSense library cannot be loaded: install pyrealsense2, and libusb "
     "(Debian, Ubuntu: apt install libusb-1.0-0)"
@@ -55,8 +56,9 @@ class FrameReader:
         except RuntimeError as error:
             raise ConegraphError("no colour and depth streams together") from error
         self.camera = camera_of(color.get_intrinsics())
+        self.period_s = 1.0 / max(1, min(int(color.fps()), int(depth.fps())))
         self._mount = mount
-        self._align = None if _registered(color, depth) else rs.align(rs.stream.color)
+        self._align = None if registered(color, depth) else rs.align(rs.stream.color)
 
     def frame(self, frameset: Any) -> RgbdFrame | None:
         """Return the frame, None where colour or depth is missing."""
@@ -68,7 +70,7 @@ class FrameReader:
         units = np.float32(depth.get_units())
         return RgbdFrame(
             float(color.get_timestamp()) / 1000.0,
-            rgb_of(color),
+            rgb_of(np.asanyarray(color.get_data()), color.get_profile().format()),
             stored.astype(np.float32) * units,
             self.camera,
             self._mount,
@@ -92,6 +94,8 @@ def in_order(
         frame = reader.frame(frameset)
         if frame is None:
             left_out[INCOMPLETE] += 1
+        elif _seconds_apart(frameset) > reader.period_s:
+            left_out[APART] += 1
         elif frame.stamp_s <= last_s:
             left_out[BACKWARDS] += 1
         else:
@@ -99,7 +103,13 @@ def in_order(
             yield frame
 
 
-def _registered(color: Any, depth: Any) -> bool:
+def _seconds_apart(frameset: Any) -> float:
+    """Return the time between colour and depth of a whole frameset."""
+    color, depth = frameset.get_color_frame(), frameset.get_depth_frame()
+    return abs(float(color.get_timestamp() - depth.get_timestamp())) / 1000.0
+
+
+def registered(color: Any, depth: Any) -> bool:
     """Return whether depth is that of the colour pixels already."""
     one, other = color.get_intrinsics(), depth.get_intrinsics()
     moved = depth.get_extrinsics_to(color)
@@ -110,8 +120,12 @@ def _registered(color: Any, depth: Any) -> bool:
     return bool(still) and all(getattr(one, n) == getattr(other, n) for n in names)
 
 
-def rgb_of(color: Any) -> NDArray[np.uint8]:
-    """Return a colour frame (H, W, 3) as RGB, copied out of the library's memory.
+def rgb_of(data: NDArray[Any], form: Any) -> NDArray[np.uint8]:
+    """Return a copy of a colour picture as (H, W, 3) RGB.
+
+    Args:
+        data: the picture as the camera sends it.
+        form: how it is laid out, an ``rs.format``.
 
     Raises:
         ConegraphError: the camera sends a format that is not read here.
@@ -119,8 +133,6 @@ def rgb_of(color: Any) -> NDArray[np.uint8]:
     import cv2
 
     rs = load_library()
-    form = color.get_profile().format()
-    data = np.asanyarray(color.get_data())
     if form == rs.format.rgb8:
         return np.array(data, dtype=np.uint8)
     turns = {
@@ -188,14 +200,14 @@ def turned_round(lens: Lens, border: tuple[float, float]) -> Lens:
             np.linspace(-border[1], border[1], 31),
         )
     )
-    moved = _bending(x, y) @ np.array(lens)
+    moved = bending(x, y) @ np.array(lens)
     bent_x, bent_y = x + moved[: len(x)], y + moved[len(x) :]
-    solved, *_ = np.linalg.lstsq(_bending(bent_x, bent_y), -moved, rcond=None)
+    solved, *_ = np.linalg.lstsq(bending(bent_x, bent_y), -moved, rcond=None)
     k1, k2, p1, p2, k3 = (float(c) for c in solved)
     return k1, k2, p1, p2, k3
 
 
-def _bending(x: Array, y: Array) -> Array:
+def bending(x: Array, y: Array) -> Array:
     """Return (2 N, 5) what each of k1, k2, p1, p2, k3 adds to x and to y."""
     r2 = x * x + y * y
     across = [x * r2, x * r2**2, 2 * x * y, r2 + 2 * x * x, x * r2**3]

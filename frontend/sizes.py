@@ -77,6 +77,8 @@ def measure_sizes(
     cut_low = box[:, 3] >= rows - 1.5
     cut_side = (box[:, 0] <= 0.5) | (box[:, 2] >= columns - 1.5)
     of_height = (height[:, None] - HEIGHTS_M) / doubtful[:, None]
+    # The side of the picture may have cut the top away, but made nothing higher.
+    of_height = np.where(cut_side[:, None], np.maximum(of_height, 0.0), of_height)
     spread = np.hypot(edge_m, WIDTH_SPREAD_M)[:, None]
     of_width = (width[:, None] - WIDTHS_M) / spread
     excess = np.maximum(width[:, None] - WIDTHS_M - WIDE_SIGMAS * spread, 0.0)
@@ -107,14 +109,15 @@ def with_doubt(cov_m2: Array, prob: Array, sizes: Sizes) -> Array:
 def with_size(prob: Array, sizes: Sizes) -> Array:
     """Share the orange probability (N, 5) between small and big cones by their sizes.
 
-    By Bayes' rule with equal priors the odds of big are ``exp((d_small - d_big) / 2)``.
+    By Bayes' rule the odds of big, as the detector has them, are multiplied by
+    ``exp((d_small - d_big) / 2)``.
     """
-    small, big = sizes.misfit_d2.T
-    share = 1.0 / (1.0 + np.exp(np.clip(0.5 * (big - small), -30.0, 30.0)))
-    orange = prob[:, ConeClass.ORANGE] + prob[:, ConeClass.BIG_ORANGE]
+    both = [ConeClass.ORANGE, ConeClass.BIG_ORANGE]
+    orange = prob[:, both].sum(axis=1, keepdims=True)
+    nearer = sizes.misfit_d2.min(axis=1, keepdims=True)
+    odds = prob[:, both] * np.exp(np.maximum(-0.5 * (sizes.misfit_d2 - nearer), -30.0))
     shared = prob.copy()
-    shared[:, ConeClass.BIG_ORANGE] = orange * share
-    shared[:, ConeClass.ORANGE] = orange * (1.0 - share)
+    shared[:, both] = orange * odds / np.maximum(odds.sum(axis=1, keepdims=True), 1e-12)
     return shared
 
 

@@ -21,6 +21,9 @@ ACROSS = np.linspace(-1.0, 1.0, 13)
 HALF_TOP, HALF_FOOT = 0.04, 0.34
 """Half widths of a cone's body at top and foot, in widths of its box."""
 AXIS_LEVEL = 0.45
+ORANGE = [ConeClass.ORANGE, ConeClass.BIG_ORANGE]
+WEAK_SCORE = 0.3
+"""Boxes of a lower score are doubted, and change nothing for stronger ones."""
 
 
 class YoloDetector:
@@ -65,40 +68,48 @@ class YoloDetector:
         middle, clear = axis_columns(picture, box_px)
         box_px = box_px.copy()
         box_px[:, 3] = foot_levels(picture, box_px, middle)
-        uv, owner = body_pixels(box_px, picture.shape)
+        best = score.max(axis=1, initial=0.0)
+        weak = best < WEAK_SCORE
+        uv, owner = body_pixels(box_px, weak, picture.shape)
         level = box_px[:, 1] + AXIS_LEVEL * (box_px[:, 3] - box_px[:, 1])
         return Candidates(
             box_px,
             self._class_prob(score),
-            score.max(axis=1, initial=0.0),
+            best,
             uv,
             owner,
             np.column_stack([middle, level]),
-            touching(box_px) | ~clear,
+            touching(box_px, weak) | ~clear,
         )
 
     def _class_prob(self, score: Array) -> Array:
         """Return probabilities (N, 5): the less sure, the more of them is unknown.
 
         A score says both that there is a cone and that it is of its class; of the
-        class alone it says its square root.
+        class alone it says its square root. A network that knows but one class of
+        orange cones leaves it to their sizes which they are.
         """
         best = score.max(axis=1, initial=0.0)
         total = np.maximum(score.sum(axis=1), 1e-9)
         share = score * (np.sqrt(best) / total)[:, None]
         prob = np.zeros((len(score), N_CLASSES))
         np.add.at(prob.T, self._class, share.T)
+        if not np.isin(ORANGE, self._class).all():
+            prob[:, ORANGE] = prob[:, ORANGE].mean(axis=1, keepdims=True)
         prob[:, ConeClass.UNKNOWN] += 1.0 - prob.sum(axis=1)
         return prob
 
 
-def body_pixels(box_px: Array, shape: tuple[int, ...]) -> tuple[IntArray, IntArray]:
+def body_pixels(
+    box_px: Array, weak: Mask, shape: tuple[int, ...]
+) -> tuple[IntArray, IntArray]:
     """Return pixels (M, 2) on the cones that boxes (N, 4) hold, and their owners (M,).
 
     They lie between the sides of an upright cone, sorted by owner. Of cones that hide
-    one another a pixel shows the one whose foot is lowest in the picture.
+    one another a pixel shows the one whose foot is lowest in the picture, and of those
+    that are ``weak`` (N,) only what the others leave.
     """
-    rank = np.argsort(-box_px[:, 3], kind="stable")
+    rank = np.lexsort((-box_px[:, 3], weak))
     left, top, right, low = box_px[rank].T[:, :, None, None]
     half = HALF_TOP + (HALF_FOOT - HALF_TOP) * LEVELS[:, None]
     column = left + (0.5 + half * ACROSS) * (right - left)
@@ -114,10 +125,10 @@ def body_pixels(box_px: Array, shape: tuple[int, ...]) -> tuple[IntArray, IntArr
     return np.column_stack([u, v]), owner[order]
 
 
-def touching(box_px: Array) -> Mask:
-    """Say which boxes (N, 4) reach into another."""
+def touching(box_px: Array, weak: Mask) -> Mask:
+    """Say which boxes (N, 4) reach into another that is not ``weak`` (N,)."""
     low = np.maximum(box_px[:, None, :2], box_px[None, :, :2])
     high = np.minimum(box_px[:, None, 2:], box_px[None, :, 2:])
-    meet = np.asarray((high > low).all(axis=2))
+    meet = (high > low).all(axis=2) & ~weak
     np.fill_diagonal(meet, False)
     return np.asarray(meet.any(axis=1))

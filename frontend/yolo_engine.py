@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float32]
 SHIPPED = Path(__file__).parent / "weights" / "cones.onnx"
-SHIPPED_SHA256 = "63baaccde69b1922c9a6286ca084669fda81eced5ffa890297d8d38a7264a59b"
+SHIPPED_SHA256 = "5508e502c6195b5925a2be4c340969e7ad78df0c9f550c9c55bcd1fed2d10759"
 MAX_BYTES = 300_000_000
 """Larger files are refused before they are read."""
 
@@ -124,6 +124,6 @@ def _wrong_size(path: Path, pictures: Floats, error: Exception) -> FileFormatErr
     height, width = pictures.shape[2:]
     return FileFormatError(
         path,
-        f"does not take pictures of {width} x {height} px, set detector.input_px "
-        f"({_first_line(error)})",
+        f"does not take a picture of {width} x {height} px; if it takes but one size, "
+        f"set detector.input_px ({_first_line(error)})",
     )

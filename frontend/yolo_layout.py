@@ -63,9 +63,9 @@ def letterboxed(picture: Picture, max_side_px: int, input_px: tuple[int, int]) -
 def decoded(output: Floats, n_classes: int) -> tuple[Array, Array]:
     """Return boxes (N, 4), left, top, right, bottom in px, and class scores (N, C).
 
-    Recognised by their shapes are YOLO v8, v9 and v11, (1, 4 + C, N) or transposed,
-    and YOLO v5 and v7, (1, N, 5 + C), whose classes are under the condition that
-    there is anything at all.
+    Recognised by their shapes are YOLO v8, v9 and v11, (1, 4 + C, N), and YOLO v5 and
+    v7, (1, N, 5 + C), whose classes are under the condition that there is anything at
+    all. The former's transpose is refused: it looks like v5 with a class less.
 
     Raises:
         ValueError: the shape is of none of them.
@@ -78,8 +78,6 @@ def decoded(output: Floats, n_classes: int) -> tuple[Array, Array]:
         score = rows[:, 5:] * rows[:, 4:5]
     elif shape[1] == 4 + n_classes:
         rows = rows.T
-        score = rows[:, 4:]
-    elif shape[2] == 4 + n_classes:
         score = rows[:, 4:]
     else:
         raise ValueError(

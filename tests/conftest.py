@@ -37,6 +37,13 @@ addEventListener("load", () => {{
         page_px: page.scrollingElement.scrollWidth,
         pictures: sizes.filter(s => s.width > 100 && s.height > 100).length,
         too_small: sizes.filter(s => s.width <= 100 || s.height <= 100).length,
+        clipped: [...page.querySelectorAll("svg text")].filter(text => {{
+          const box = text.getBoundingClientRect();
+          const frame = text.closest("svg").getBoundingClientRect();
+          return box.left < frame.left - 1 || box.right > frame.right + 1;
+        }}).map(text => text.textContent),
+        scrolling: [...page.querySelectorAll(".scroll")].filter(
+          table => table.scrollWidth > table.clientWidth + 1).length,
         fetched: fetched.map(entry => entry.name),
       }};
     }}));

@@ -25,7 +25,8 @@ class Fixed:
 
     def find(self, picture: Picture, scale: GroundScale | None = None) -> Candidates:
         """Return the boxes, whatever the picture."""
-        uv, owner = body_pixels(self._box_px, picture.shape)
+        sure = np.zeros(len(self._box_px), dtype=bool)
+        uv, owner = body_pixels(self._box_px, sure, picture.shape)
         return Candidates(
             self._box_px,
             np.eye(5)[self._class],
@@ -33,7 +34,7 @@ class Fixed:
             uv,
             owner,
             self._box_px[:, :2],
-            touching(self._box_px),
+            touching(self._box_px, sure),
         )
 
 

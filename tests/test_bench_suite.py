@@ -157,7 +157,10 @@ def test_the_command_prints_figures_and_writes_the_report(
 ) -> None:
     """All runs are there already; what is printed and written follows from them."""
     command(*OPTIONS, "--out", str(finished))
-    said = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    streams = capsys.readouterr()
+    assert f"bench quick: 3 of 3 runs found in {finished}, 0 to do" in streams.err
+    assert f"Report: {finished / 'report.html'}" in streams.out
+    said = " ".join(streams.out.replace("│", " ").split())
     assert "failed runs 0 of 3" in said
     assert "map RMSE, aligned" in said
     assert (finished / "report.html").is_file()
@@ -168,6 +171,26 @@ def test_the_command_prints_figures_and_writes_the_report(
     said = capsys.readouterr().out
     assert "3 of 3 pairs agree" in said
     assert "map RMSE, aligned: ekf (new)/ekf (old) 1.000" in said
+
+
+def test_a_folder_of_other_runs_is_refused(
+    finished: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = (finished / "results.parquet").read_bytes()
+    with pytest.raises(SystemExit) as ended:
+        main(["bench", *OPTIONS, "--set", "seed=3", "--out", str(finished)])
+    assert ended.value.code == 1
+    said = " ".join(capsys.readouterr().err.split())
+    assert "has 3 runs that these options do not ask for" in said
+    assert "Give another --out" in said
+    assert (finished / "results.parquet").read_bytes() == before
+
+
+def test_every_run_is_replayed_into_a_folder_of_its_own() -> None:
+    jobs = [job for chain in QUICK.chains() for job in chain]
+    folders = {job.command.split()[-1] for job in jobs}
+    assert len(folders) == len(jobs)
+    assert all(folder.startswith("out/replay/") for folder in folders)
 
 
 def test_what_breaks_off_is_a_row_and_is_done_again(tmp_path: Path) -> None:
@@ -258,6 +281,7 @@ def test_without_dask_the_error_says_what_to_install(
     ("option", "value", "code"),
     [
         ("--suite", "huge", 2),
+        ("--suite", "quik", 2),
         ("--sensors", "radar", 2),
         ("--odometry", "maybe", 2),
         ("--faults", ",", 2),
@@ -280,6 +304,7 @@ def test_a_wrong_option_is_named_before_anything_runs(
     assert ended.value.code == code
     said = capsys.readouterr().err
     assert value.partition("=")[0] in said
+    assert ("did you mean quick?" in said) == (value == "quik")
     assert not out.exists()
 
 

@@ -64,3 +64,13 @@ def test_a_folder_without_a_run_is_an_error(
 ) -> None:
     assert run("doctor", tmp_path) == 1
     assert "trajectory.tum" in capsys.readouterr().err
+
+
+def test_a_folder_of_several_runs_names_them(
+    biased: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("ekf", "isam2"):
+        shutil.copytree(biased, tmp_path / name)
+    assert run("doctor", tmp_path) == 1
+    said = capsys.readouterr().err
+    assert f"holds 2 runs: choose {tmp_path / 'ekf'} or {tmp_path / 'isam2'}" in said

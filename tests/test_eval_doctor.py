@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from conegraph.eval.doctor import HEALTHY, diagnose
+from conegraph.eval.doctor import HEALTHY, UNEXPLAINED, diagnose
 from conegraph.eval.doctor_case import open_case
 from conegraph.eval.doctor_fit import NAMES
 from conegraph.eval.doctor_tracks import linked
@@ -194,7 +194,8 @@ def test_a_jump_in_which_the_car_was_found_again_is_none() -> None:
 def test_visits_to_the_start_without_a_closure_are_missed_closures() -> None:
     found = diagnose(replace(drive(), summary={"frames": N})).findings
     assert [f.cause for f in found] == ["missed_closure"]
-    assert found[0].measured == LAPS
+    assert found[0].measured == 1.0
+    assert f"of {LAPS} times" in found[0].evidence
     assert found[0].at_s == pytest.approx(LAP_S, abs=0.2)
     refused = {"stamp_s": 12.0, "accepted": False, "reason": "only 9 % agree"}
     run = replace(drive(), summary={"frames": N, "loop_closures": [refused]})
@@ -222,11 +223,11 @@ def test_wrong_colours_are_counted() -> None:
     assert found[0].measured == pytest.approx(wrong.mean(), abs=0.02)
 
 
-def test_few_sights_are_no_false_detections() -> None:
-    run = drive()
-    keep = np.random.default_rng(2).random(len(run.observations)) < 0.05
+def only(run: RunFolder, rng: np.random.Generator, share: float) -> RunFolder:
+    """A run that saw but a share of what it saw."""
+    keep = rng.random(len(run.observations)) < share
     seen, made = run.observations, run.associations
-    few = replace(
+    return replace(
         run,
         observations=ObservationRows(
             seen.stamp_s[keep],
@@ -243,6 +244,11 @@ def test_few_sights_are_no_false_detections() -> None:
             made.d2[keep],
         ),
     )
+
+
+def test_few_sights_are_no_false_detections() -> None:
+    run = drive()
+    few = only(run, np.random.default_rng(2), 0.05)
     assert [f.cause for f in diagnose(few).findings] == ["few_sights"]
 
 
@@ -272,11 +278,55 @@ def test_without_odometry_it_says_what_it_cannot_see() -> None:
     assert "without odometry" in diagnosis.notes[0]
 
 
-def test_a_bad_map_without_an_explanation_is_said() -> None:
-    metrics = {"map": {"rmse_aligned_m": 0.5}}
+@pytest.mark.parametrize(
+    ("error_m", "precision", "recall", "cause"),
+    [
+        (0.05, 1.0, 1.0, HEALTHY),
+        (0.5, 1.0, 1.0, UNEXPLAINED),
+        (0.05, 1.0, 0.7, UNEXPLAINED),
+        (0.05, 0.7, 1.0, UNEXPLAINED),
+    ],
+)
+def test_a_bad_map_without_an_explanation_is_not_healthy(
+    error_m: float, precision: float, recall: float, cause: str
+) -> None:
+    cones = {"rmse_aligned_m": error_m, "precision": precision, "recall": recall}
     run = drive()
-    diagnosis = diagnose(replace(run, summary={**run.summary, "metrics": metrics}))
-    assert "0.5 m off, and nothing that was found explains it" in diagnosis.notes[0]
+    judged = {**run.summary, "metrics": {"map": cones}}
+    diagnosis = diagnose(replace(run, summary=judged))
+    assert diagnosis.cause == cause
+    assert bool(diagnosis.harm) == (cause == UNEXPLAINED)
+
+
+def test_cones_that_are_mostly_missed_are_few_sights() -> None:
+    """Two thirds are missed, but a cone that is missed too long is taken for two."""
+    found = diagnose(only(drive(), np.random.default_rng(3), 1 / 3)).findings
+    assert found[0].cause == "few_sights"
+    assert found[0].name == "looks at a cone that miss it"
+    assert found[0].measured == pytest.approx(2 / 3, abs=0.1)
+    half = diagnose(only(drive(), np.random.default_rng(3), 0.6))
+    assert "few_sights" not in [f.cause for f in half.findings]
+
+
+def test_a_map_without_colours_is_said_after_all_else() -> None:
+    run = drive()
+    ids = np.arange(len(cones()))
+    cov = np.tile(np.eye(2), (len(ids), 1, 1))
+    prob = np.tile(np.eye(5)[ConeClass.UNKNOWN], (len(ids), 1))
+    grey = ConeMap(ids, cones(), cov, prob, ids)
+    (found,) = diagnose(replace(run, cone_map=grey)).findings
+    assert (found.cause, found.measured, found.follows) == (
+        "colourless_map",
+        1.0,
+        False,
+    )
+
+
+def test_what_comes_of_a_cause_follows_from_it() -> None:
+    run = replace(drive(bias=0.1), summary={"frames": N})
+    found = {f.cause: f.follows for f in diagnose(run).findings}
+    assert found["yaw_rate_bias"] is False
+    assert found["missed_closure"] is True
 
 
 @pytest.mark.filterwarnings("error")

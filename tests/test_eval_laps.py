@@ -8,7 +8,7 @@ import pytest
 from conegraph.backends.laps import AHEAD_M
 from conegraph.eval.lap_drift import lap_drifts
 from conegraph.eval.laps import true_laps
-from conegraph.eval.trajectory_metrics import pair_with_truth
+from conegraph.eval.pose_pairs import pair_with_truth
 from conegraph.types import Array, Lap, Trajectory
 
 RADIUS_M = 10.0

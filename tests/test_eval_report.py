@@ -88,8 +88,9 @@ def test_the_verdict_names_the_effect_first() -> None:
     assert compare(metrics).verdict == (
         "isam2's map is 75 % closer to the truth than ekf's (aligned RMSE: isam2 "
         "0.100 m, ekf 0.400 m). No difference shown in the path (aligned ATE while "
-        "driving: ekf 0.200 m, isam2 0.201 m). This is one run of each over one "
-        "stream: it shows what happened here, not which is better in general."
+        "driving: ekf 0.200 m, isam2 0.201 m). Frames took (median, p99, longest): "
+        "ekf 1.5, 1.5 and 1.5 ms; isam2 1.5, 1.5 and 1.5 ms. This is one run of each "
+        "over one stream: it shows what happened here, not which is better in general."
     )
 
 
@@ -133,9 +134,11 @@ def test_without_truth_only_time_is_compared() -> None:
     _, run = truth_and_run()
     comparison = compare(judged(Truth(), ekf=run, isam2=run))
     assert comparison.verdict == (
-        "There is no truth to judge accuracy by. A median frame took ekf 1.50 ms, "
-        "isam2 1.50 ms."
+        "There is no truth to judge accuracy by. Frames took (median, p99, longest): "
+        "ekf 1.5, 1.5 and 1.5 ms; isam2 1.5, 1.5 and 1.5 ms."
     )
+    shown = {row.figure.label for row in comparison.rows}
+    assert not shown & {"laps driven", "lap ends closed in time", "closure precision"}
     groups = {row.figure.group for row in comparison.rows}
     assert groups == {
         "Laps and loop closures",
@@ -159,13 +162,39 @@ def test_one_run_is_described_and_nothing_is_compared() -> None:
     comparison = compare(judged(truth, ekf=off_by(run, 0.1, 0.2)))
     assert comparison.verdict == (
         "ekf: the map is 0.100 m off (aligned RMSE, recall 1.000, precision 1.000) "
-        "and the path is 0.200 m off (aligned ATE while driving)."
+        "and the path is 0.200 m off (aligned ATE while driving). Frames took "
+        "(median, p99, longest): ekf 1.5, 1.5 and 1.5 ms."
     )
     assert not any(row.best for row in comparison.rows)
     assert compare({}).verdict == "Nothing was run, so there is nothing to compare."
 
 
-def test_the_best_of_a_row_is_best_to_the_digits_shown() -> None:
+def test_the_longest_frame_is_said_with_where_the_graph_was_solved() -> None:
+    _, run = truth_and_run()
+    slow = {"frame": np.r_[np.full(99, 1.0), 700.0]}
+    graph = replace(run, timing_ms=slow, summary={**run.summary, "mapping": "inline"})
+    said = compare(judged(Truth(), isam2=graph)).verdict
+    assert "isam2 1.0, 8.0 and 700.0 ms, mapping in line." in said
+
+
+def test_what_the_verdict_calls_level_is_not_bold() -> None:
+    truth, run = truth_and_run()
+    three = compare(
+        judged(
+            truth,
+            a=off_by(run, 0.100, 0.1),
+            b=off_by(run, 0.108, 0.1),
+            c=off_by(run, 0.300, 0.1),
+        )
+    )
+    (row,) = (r for r in three.rows if r.figure.path == "map.rmse_aligned_m")
+    assert row.best == {0, 1}
+    two = compare(judged(truth, a=off_by(run, 0.100, 0.1), b=off_by(run, 0.108, 0.1)))
+    assert "No difference shown in the map" in two.verdict
+    assert not any(r.best for r in two.rows if r.figure.group == "Map")
+
+
+def test_the_best_of_a_row_stands_out() -> None:
     truth, run = truth_and_run()
     comparison = compare(
         judged(truth, a=off_by(run, 0.2, 0.10001), b=off_by(run, 0.1, 0.10002))
@@ -343,7 +372,8 @@ def test_the_page_fits_a_phone_and_a_desk(
     for look in looks:
         assert look["page_px"] <= look["window_px"]
         assert (look["pictures"], look["too_small"]) == (4, 0)
-        assert look["fetched"] == look["console"] == []
+        assert look["fetched"] == look["console"] == look["clipped"] == []
+        assert look["scrolling"] == 0
 
 
 def test_the_browser_would_notice(
@@ -353,9 +383,13 @@ def test_the_browser_would_notice(
     page.write_text(
         '<!DOCTYPE html><div style="width:2000px">wide</div><svg width="0"></svg>'
         '<img src="http://127.0.0.1:9/none.png"><script>console.error("broken")</script>'
+        '<svg width="200" height="150"><text x="-9" y="50">cut off</text></svg>'
+        '<div class="scroll" style="width:50px;overflow:auto">unbreakable-words</div>'
     )
     for look in look_at(page):
         assert look["page_px"] >= 2000
         assert look["too_small"] == 2
+        assert look["clipped"] == ["cut off"]
+        assert look["scrolling"] == 1
         assert [Path(name).name for name in look["fetched"]] == ["none.png"]
         assert any("broken" in line for line in look["console"])

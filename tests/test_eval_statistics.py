@@ -13,7 +13,9 @@ from conegraph.eval.statistics import (
     Middle,
     estimate,
     holm,
+    mcnemar,
     rate,
+    rate_over,
     sign_test,
     signed_rank,
 )
@@ -82,7 +84,7 @@ def test_the_test_rejects_what_is_true_as_often_as_it_says() -> None:
     rng, false = np.random.default_rng(5), 0
     for _ in range(300):
         values, groups, _ = drives(rng, LEAST_GROUPS, 5, 1.0)
-        false += signed_rank(values, groups) < 0.05
+        false += signed_rank(values, groups, "median") < 0.05
     assert false / 300 < 0.05 + 4 * 0.0126
 
 
@@ -101,12 +103,44 @@ def test_one_value_says_nothing_and_lonely_ones_are_taken_together() -> None:
 
 def test_signed_ranks_by_hand() -> None:
     # All of n on one side: 2 / 2^n.
-    assert signed_rank(np.arange(1.0, 7.0), ["a"] * 6) == pytest.approx(2 / 2**6)
-    assert signed_rank(np.zeros(5), ["a"] * 5) == 1.0
+    six = signed_rank(np.arange(1.0, 7.0), ["a"] * 6, "median")
+    assert six == pytest.approx(2 / 2**6)
+    assert signed_rank(np.zeros(5), ["a"] * 5, "median") == 1.0
+    # Ties do not make it less exact: five of one size are on one side in 2 of 2^5.
+    assert signed_rank(np.ones(5), ["a"] * 5, "median") == pytest.approx(2 / 2**5)
     # Zeros do not count, and 8 tracks count as 8 however many drives each has.
     of_8 = np.repeat(np.arange(1.0, 9.0), 5)
     tracks = [str(k) for k in range(8) for _ in range(5)]
-    assert signed_rank(of_8, tracks) == pytest.approx(2 / 2**8)
+    assert signed_rank(of_8, tracks, "median") == pytest.approx(2 / 2**8)
+    # A difference in one of five drives is none of the median, but one of the mean.
+    seldom = np.tile([1.0, 0.0, 0.0, 0.0, 0.0], 8)
+    assert signed_rank(seldom, tracks, "median") == 1.0
+    assert signed_rank(seldom, tracks, "mean") == pytest.approx(2 / 2**8)
+
+
+def test_failures_on_one_track_are_one_observation() -> None:
+    tracks = [str(k) for k in range(LEAST_GROUPS) for _ in range(10)]
+    never = np.zeros(len(tracks), dtype=np.bool_)
+    one_track = np.array([track == "0" for track in tracks])
+    assert mcnemar(one_track, never, tracks) == 1.0
+    assert mcnemar(one_track, never, ["a"] * len(tracks)) == pytest.approx(2 / 2**10)
+    spread = np.arange(len(tracks)) % 10 == 0
+    assert mcnemar(spread, never, tracks) == pytest.approx(2 / 2**LEAST_GROUPS)
+
+
+def test_a_rate_is_less_certain_where_failures_come_in_groups() -> None:
+    tracks = [str(k) for k in range(10) for _ in range(10)]
+    one_track = np.arange(100) < 10
+    found, alone = rate_over(one_track, tracks), rate(10, 100)
+    assert (found.count, found.of) == (10, 100)
+    # The share's variance over 10 tracks is that of ten runs, less one to know it by.
+    worth = 0.1 * 0.9 / (10 / 9 * (9.0**2 + 9 * 1.0**2) / 100**2)
+    assert worth == pytest.approx(9.0)
+    assert found == rate(10, 100, worth)
+    assert found.interval.high > alone.interval.high + 0.1
+    assert rate_over(np.arange(100) % 10 == 0, tracks) == alone
+    assert rate_over(one_track, ["a"] * 100) == alone
+    assert rate_over(np.zeros(100, dtype=np.bool_), tracks) == rate(0, 100)
 
 
 def test_sign_test_is_binomial() -> None:
@@ -124,6 +158,7 @@ def test_a_rate_has_wilsons_interval() -> None:
     assert found.interval.low == pytest.approx(middle - half)
     assert found.interval.high == pytest.approx(middle + half)
     assert rate(0, 40).interval.low == 0.0
+    assert rate(40, 40).interval.high == 1.0
     assert rate(0, 40).interval.high == pytest.approx(z**2 / (40 + z**2))
     assert math.isnan(rate(0, 0).interval.low)
 

@@ -152,6 +152,14 @@ def test_every_two_of_three_are_compared() -> None:
     assert comparison.duels[1].streams == TRACKS
 
 
+def test_one_config_beside_another_is_named_by_its_settings() -> None:
+    old = both(1.0, 0.1, tracks=1)
+    new = [r.model_copy(update={"settings": "association.gate_d2=9"}) for r in old]
+    found = compare_versions(old, new)
+    assert found.duels[0].names == ("ekf (as shipped)", "ekf (association.gate_d2=9)")
+    assert found.duels[0].scope.endswith("it holds for this track only")
+
+
 def test_versions_are_paired_by_stream_and_contender() -> None:
     old = both(1.0, 0.1)
     new = [

@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from conegraph.eval.trajectory_metrics import pair_with_truth, trajectory_metrics
+from conegraph.eval.pose_pairs import pair_with_truth
+from conegraph.eval.trajectory_metrics import trajectory_metrics
 from conegraph.geometry import compose, inverse
 from conegraph.io.tum_trajectory import write_tum
 from conegraph.types import Array, Trajectory

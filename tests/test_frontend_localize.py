@@ -178,6 +178,18 @@ def test_sizes_tell_cones_from_other_things_and_from_each_other(
         assert shared[0, ConeClass.BIG_ORANGE] == pytest.approx(0.96 * big, abs=0.02)
 
 
+def test_what_the_side_of_the_picture_cuts_may_be_higher_than_it_looks() -> None:
+    frame, cone = cone_at(5.4, 0.5, body_range_m=None, height_m=0.2)
+    either = np.array([[0.0, 0.0, 0.2, 0.6, 0.2]])
+    whole = measure_sizes(frame, cone, place(frame, cone), EXACT)
+    assert whole.misfit_d2[0, 1] > 14.0
+    cut = replace(cone, box_px=cone.box_px * np.array([0, 1, 1, 1]))
+    sizes = measure_sizes(frame, cut, place(frame, cut), EXACT)
+    np.testing.assert_allclose(sizes.misfit_d2, 0.0)
+    # Nothing speaks for either size but the detector.
+    np.testing.assert_allclose(with_size(either, sizes), either)
+
+
 def test_a_metre_on_the_ground_is_as_large_as_it_looks() -> None:
     scale = GroundScale(LENS, EXACT.plane)
     foot, head = pixel_of(8.0, 1.0, 0.0), pixel_of(8.0, 1.0, 0.01)

@@ -2,7 +2,7 @@
 
 import sqlite3
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
@@ -295,3 +295,16 @@ def test_a_text_file_is_no_recording(tmp_path: Path) -> None:
         path.write_text("hello", encoding="utf-8")
         with pytest.raises(ConegraphError, match="is no RealSense recording"):
             read_realsense(path)
+
+
+def test_who_stops_early_frees_the_file(recorded: Recorder) -> None:
+    stream = read_realsense(recorded("whole", list(range(COUNT))))
+    for taken in (1, 2, COUNT - 1):
+        events = stream.events()
+        for _ in range(taken):
+            next(events)
+        began = time.monotonic()
+        assert isinstance(events, Generator)
+        events.close()
+        assert time.monotonic() - began < 5.0
+    assert len(frames_of(stream)) == COUNT

@@ -22,6 +22,7 @@ from conegraph.types import ConeClass, TruthMap
 Floats = NDArray[np.float32]
 ENGINES: tuple[EngineName, ...] = ("onnxruntime", "opencv")
 BOXES = np.array([[10.0, 20.0, 30.0, 60.0], [100.0, 50.0, 140.0, 90.0]])
+SURE = np.zeros(4, dtype=bool)
 SCORES = np.array([[0.9, 0.05, 0.0], [0.1, 0.2, 0.6]])
 
 
@@ -40,13 +41,15 @@ def test_every_layout_says_the_same() -> None:
     plain = padded(rows())
     sure = np.full((100, 1), 0.5, np.float32)
     v5 = np.hstack([plain[:, :4], sure, 2 * plain[:, 4:]])
-    for output in (plain.T[None], plain[None], v5[None]):
+    for output in (plain.T[None], v5[None]):
         box, score = decoded(output, 3)
         np.testing.assert_allclose(box[:2], BOXES, atol=1e-5)
         np.testing.assert_allclose(score[:2], SCORES, atol=1e-6)
 
 
-@pytest.mark.parametrize("shape", [(1, 9, 100), (1, 7), (2, 7, 100), (7, 100)])
+@pytest.mark.parametrize(
+    "shape", [(1, 9, 100), (1, 100, 7), (1, 7), (2, 7, 100), (7, 100)]
+)
 def test_other_layouts_are_refused(shape: tuple[int, ...]) -> None:
     with pytest.raises(ValueError, match="output"):
         decoded(np.zeros(shape, np.float32), 3)
@@ -89,7 +92,7 @@ def test_pixels_of_a_body_lie_in_its_box(
     corner = np.array(given_boxes).reshape(-1, 4)
     box = np.hstack([corner[:, :2], corner[:, :2] + corner[:, 2:]])
     box = np.minimum(box, np.array([99.5, 69.5, 99.5, 69.5]))
-    uv, owner = body_pixels(box, (70, 100, 3))
+    uv, owner = body_pixels(box, SURE[: len(box)], (70, 100, 3))
     assert (np.diff(owner) >= 0).all()
     assert len(np.unique(uv, axis=0)) == len(uv)
     assert (uv >= np.floor(box[owner, :2])).all()
@@ -99,14 +102,14 @@ def test_pixels_of_a_body_lie_in_its_box(
 
 
 def test_the_lowest_pixel_of_a_body_is_that_of_its_box() -> None:
-    uv, _ = body_pixels(np.array([[9.5, 19.5, 29.5, 49.5]]), (60, 60, 3))
+    uv, _ = body_pixels(np.array([[9.5, 19.5, 29.5, 49.5]]), SURE[:1], (60, 60, 3))
     assert uv[:, 1].max() == 49
 
 
 def test_pixels_of_two_cones_are_the_nearer_ones() -> None:
     box = np.array([[9.5, 19.5, 29.5, 49.5], [14.5, 29.5, 34.5, 59.5]])
-    uv, owner = body_pixels(box, (70, 60, 3))
-    alone, _ = body_pixels(box[1:], (70, 60, 3))
+    uv, owner = body_pixels(box, SURE[:2], (70, 60, 3))
+    alone, _ = body_pixels(box[1:], SURE[:1], (70, 60, 3))
     assert uv[owner == 1].tolist() == alone.tolist()
     hidden = {tuple(pixel) for pixel in alone.tolist()}
     assert not hidden & {tuple(pixel) for pixel in uv[owner == 0].tolist()}
@@ -115,7 +118,20 @@ def test_pixels_of_two_cones_are_the_nearer_ones() -> None:
 
 def test_boxes_that_meet_touch() -> None:
     box = np.array([[0.0, 0, 10, 10], [9, 9, 20, 20], [20, 9, 30, 20]])
-    assert touching(box).tolist() == [True, True, False]
+    assert touching(box, SURE[:3]).tolist() == [True, True, False]
+    assert touching(box, np.array([False, True, False])).tolist() == [
+        False,
+        True,
+        False,
+    ]
+
+
+def test_weak_boxes_take_no_pixels_from_others() -> None:
+    box = np.array([[9.5, 19.5, 29.5, 49.5], [14.5, 29.5, 34.5, 59.5]])
+    uv, owner = body_pixels(box, np.array([False, True]), (70, 60, 3))
+    alone, _ = body_pixels(box[:1], SURE[:1], (70, 60, 3))
+    assert uv[owner == 0].tolist() == alone.tolist()
+    assert (owner == 1).any()
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -160,7 +176,7 @@ def test_a_model_of_other_classes_is_refused() -> None:
 
 def test_a_size_that_a_model_does_not_take_is_refused() -> None:
     detector = YoloDetector(YoloConfig(engine="onnxruntime", input_px=(50, 70)))
-    with pytest.raises(FileFormatError, match=r"50 x 70 px, set detector\.input_px"):
+    with pytest.raises(FileFormatError, match=r"50 x 70 px; .* set detector\.input_px"):
         detector.find(np.zeros((64, 64, 3), np.uint8))
 
 
@@ -206,3 +222,14 @@ def test_the_less_sure_the_more_is_unknown(
     np.testing.assert_allclose(found.class_prob.sum(axis=1), 1.0)
     unknown = found.class_prob[:, ConeClass.UNKNOWN]
     np.testing.assert_allclose(unknown, 1 - np.sqrt(found.score), atol=1e-6)
+
+
+def test_orange_cones_of_one_class_may_be_of_either_size(
+    rendered: tuple[RgbdFrame, FrameTruth],
+) -> None:
+    frame, _ = rendered
+    config = YoloConfig(classes=("blue", "yellow", "orange", "orange"))
+    prob = YoloDetector(config).find(frame.color).class_prob
+    small, big = prob[:, ConeClass.ORANGE], prob[:, ConeClass.BIG_ORANGE]
+    assert (small == big).all()
+    assert (small + big > 0.5).sum() == 2

@@ -11,6 +11,7 @@ from scipy.optimize import linear_sum_assignment
 from conegraph.camera import RgbdFrame
 from conegraph.frontend import Detections
 from conegraph.sim.render import FrameTruth
+from conegraph.training.average_precision import overlaps
 from conegraph.types import Array, ConeClass, IntArray, Mask
 
 MIN_OVERLAP = 0.3
@@ -137,11 +138,7 @@ def match_boxes(found_px: Array, true_px: Array) -> IntArray:
     """
     if not (len(found_px) and len(true_px)):
         return np.zeros((0, 2), dtype=np.int64)
-    low = np.maximum(found_px[:, None, :2], true_px[None, :, :2])
-    high = np.minimum(found_px[:, None, 2:], true_px[None, :, 2:])
-    common = np.clip(high - low, 0.0, None).prod(axis=2)
-    area = [np.prod(box[:, 2:] - box[:, :2], axis=1) for box in (found_px, true_px)]
-    overlap = common / (area[0][:, None] + area[1][None, :] - common)
+    overlap = overlaps(found_px, true_px)
     height = true_px[:, 3] - true_px[:, 1]
     off = np.abs(found_px[:, None, 3] - true_px[None, :, 3]) / height
     likeness = np.where(overlap >= MIN_OVERLAP, np.maximum(overlap - off, 1e-3), 0.0)

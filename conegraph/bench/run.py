@@ -17,8 +17,9 @@ from conegraph.config import load_config
 from conegraph.eval.align import distance, rms
 from conegraph.eval.closure_metrics import CLOSURE_AFTER_S, CLOSURE_BEFORE_S
 from conegraph.eval.consistency import pose_consistency
+from conegraph.eval.pose_pairs import pair_with_truth
 from conegraph.eval.reference_graph import StartFrameTruth, truth_of
-from conegraph.eval.trajectory_metrics import pair_with_truth, trajectory_metrics
+from conegraph.eval.trajectory_metrics import trajectory_metrics
 from conegraph.pipeline import Pipeline
 from conegraph.types import ConeMap, FrameRecord, Recording
 

@@ -10,7 +10,7 @@ from itertools import product
 from conegraph.bench.streams import Stream
 from conegraph.config import config_to_toml, load_config
 from conegraph.eval.row import Row
-from conegraph.eval.suite_rows import row_key
+from conegraph.eval.suite_rows import row_key, short_name
 from conegraph.simulated import parse_sim_query, track_layout
 
 NO_FAULTS = "none"
@@ -51,7 +51,7 @@ class SuiteJob(Row):
         words = ["conegraph", "compare", self.source, "--backends", self.backend]
         for setting in self.settings:
             words += ["--set", setting]
-        return shlex.join([*words, "--out", "out/replay"])
+        return shlex.join([*words, "--out", f"out/replay/{short_name(self.key)}"])
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,9 +10,31 @@ from conegraph.bench.runner import run_chains
 from conegraph.bench.suite import Suite, SuiteJob
 from conegraph.bench.suite_run import Outcome, failed_row, run_job
 from conegraph.bench.workers import WorkerError, Workers
+from conegraph.errors import ConegraphError
 from conegraph.eval.suite_rows import RESULTS, SuiteRow, write_results
 
 JOURNAL = "rows.jsonl"
+
+
+def kept_runs(suite: Suite, out: Path) -> Journal[SuiteRow]:
+    """Return the runs that a folder has of a suite.
+
+    Raises:
+        ConegraphError: a back end, setting or fault does not exist; or the folder has
+            runs that the suite does not ask for, which its report would leave out.
+    """
+    asked = {job.key for chain in suite.chains() for job in chain}
+    journal = Journal[SuiteRow](out / JOURNAL, (SuiteRow,))
+    others = [row for key, row in journal.rows.items() if key not in asked]
+    if others:
+        settings = f" with {others[0].settings}" if others[0].settings else ""
+        raise ConegraphError(
+            f"{out} has {len(others)} runs that these options do not ask for, as "
+            f"{others[0].contender}{settings} over {others[0].stream}: the report "
+            "would leave them out. Give another --out, or remove the folder; "
+            "`conegraph bench diff` compares two folders"
+        )
+    return journal
 
 
 def run_suite(
@@ -33,11 +55,10 @@ def run_suite(
         The rows of the suite, in its order.
 
     Raises:
-        ConegraphError: a back end, setting or fault does not exist.
+        ConegraphError: see `kept_runs`.
     """
-    chains = suite.chains()
+    chains, journal = suite.chains(), kept_runs(suite, out)
     out.mkdir(parents=True, exist_ok=True)
-    journal = Journal[SuiteRow](out / JOURNAL, (SuiteRow,))
 
     def do(job: SuiteJob) -> SuiteRow:
         try:

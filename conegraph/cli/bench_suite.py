@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from conegraph.cli.options import JsonOption, SetOption, listed
+from conegraph.cli.options import JsonOption, SetOption, listed, unknown
 
 if TYPE_CHECKING:
     from conegraph.bench.suite import Suite
@@ -29,7 +29,8 @@ def suite(
             metavar="DIR",
             file_okay=False,
             help="Folder of the results, out/bench-SUITE by default. Runs that it has "
-            "already are not run again, so take a new one for another version.",
+            "already are not run again: take a new one for another version or "
+            "configuration.",
         ),
     ] = None,
     tracks: Annotated[
@@ -75,7 +76,7 @@ def suite(
     from conegraph.bench.suite import SUITES
 
     if suite not in SUITES:
-        raise typer.BadParameter(f"--suite {suite!r}: of {', '.join(SUITES)}")
+        raise typer.BadParameter(unknown("--suite", suite, SUITES))
     chosen = SUITES[suite]
     if tracks:
         chosen = replace(chosen, tracks=track_names(tracks))
@@ -131,13 +132,19 @@ def diff(
 
 
 def _bench(suite: Suite, out: Path, jobs: int, scheduler: str, json_: bool) -> None:
-    from conegraph.bench.suite_bench import run_suite
+    from conegraph.bench.suite_bench import kept_runs, run_suite
     from conegraph.cli.progress import progress_bar
     from conegraph.eval.suite_comparison import compare_suite
     from conegraph.eval.suite_report import write_suite_report
     from conegraph.io.plain import to_plain
 
     total = sum(len(chain) for chain in suite.chains())
+    found = len(kept_runs(suite, out).rows)
+    typer.echo(
+        f"bench {suite.name}: {found} of {total} runs found in {out}, "
+        f"{total - found} to do",
+        err=True,
+    )
     with (
         _workers(jobs, scheduler) as workers,
         progress_bar(f"bench {suite.name}", total) as advance,
@@ -147,9 +154,9 @@ def _bench(suite: Suite, out: Path, jobs: int, scheduler: str, json_: bool) -> N
     report = write_suite_report(out)
     if json_:
         typer.echo(json.dumps(to_plain(comparison), indent=1))
-        return
-    _show(comparison)
-    typer.echo(f"Report: {report}")
+    else:
+        _show(comparison)
+    typer.echo(f"Report: {report}", err=json_)
 
 
 def _workers(jobs: int, scheduler: str) -> Workers:

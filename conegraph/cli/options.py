@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -67,9 +68,17 @@ def listed(option: str, given: str, allowed: Sequence[str]) -> tuple[str, ...]:
         typer.BadParameter: one of them is not allowed.
     """
     words = tuple(dict.fromkeys(word.strip() for word in given.split(",")))
-    if not set(words) <= set(allowed):
-        raise typer.BadParameter(f"{option} {given!r}: of {', '.join(allowed)}")
+    for word in words:
+        if word not in allowed:
+            raise typer.BadParameter(unknown(option, word, allowed))
     return words
+
+
+def unknown(option: str, given: str, allowed: Iterable[str]) -> str:
+    """Return what is wrong with a word that is none of those allowed."""
+    near = get_close_matches(given, list(allowed), 1)
+    meant = f"; did you mean {near[0]}?" if near else ""
+    return f"{option} {given!r}: choose of {', '.join(allowed)}{meant}"
 
 
 def with_detector(settings: Sequence[str] | None, detector: str | None) -> list[str]:

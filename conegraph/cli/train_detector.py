@@ -36,7 +36,7 @@ def train_detector(
             metavar="FOLDER",
             exists=True,
             file_okay=False,
-            help="Your own pictures with YOLO labels, beside those made up.",
+            help="Your own pictures with YOLO labels, in place of the renders.",
         ),
     ] = None,
     steps: Annotated[int, typer.Option(min=1, help="Batches to learn.")] = 20_000,
@@ -60,7 +60,10 @@ def train_detector(
         ),
     ] = False,
 ) -> None:
-    """Train the learned detector, on a GPU if possible."""
+    """Train the learned detector, on a GPU if possible.
+
+    Four of five pictures are made-up photographs, one is a render or your own.
+    """
     if find_spec("torch") is None or find_spec("onnx") is None:
         raise MissingDependencyError(
             "training needs PyTorch and onnx: pip install 'conegraph[train]'"
@@ -76,8 +79,7 @@ def train_detector(
     _ask_for_resume(checkpoint, resume)
     out.mkdir(parents=True, exist_ok=True)
     torch.set_num_threads(threads)
-    kept = [] if data is None else read_folder(data)
-    kept += _render(seed, scenes, jobs)
+    kept = _render(seed, scenes, jobs) if data is None else read_folder(data)
     crops = Crops(seed, BATCH, SIDE_PX, kept, jobs)
     plan = Plan(steps, half, "cuda" if torch.cuda.is_available() else "cpu")
     net = train(plan, crops, checkpoint, _say)

@@ -54,14 +54,17 @@ class Crops:
                 ]
                 yield self._round(number, places)
         context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(
+        pool = ProcessPoolExecutor(
             self.jobs, context, initializer=cv2.setNumThreads, initargs=(1,)
-        ) as pool:
+        )
+        try:
             waiting = self._ordered(pool, first)
             for number in count(first):
                 coming = self._ordered(pool, number + 1)
                 yield self._round(number, [place.result() for place in waiting])
                 waiting = coming
+        finally:
+            pool.shutdown(cancel_futures=True)
 
     def _ordered(
         self, pool: ProcessPoolExecutor, number: int

@@ -66,9 +66,18 @@ def judged(found: Sequence[Boxes], real: Sequence[Boxes]) -> Precisions:
 
 
 def as_boxes(box_px: Array, class_prob: Array, score: Array) -> Boxes:
-    """Return what a detector found, whose pixels' middles have whole numbers."""
-    kind = class_prob[:, [int(c) for c in CLASSES]].argmax(axis=1)
-    return Boxes(box_px + 0.5, kind.astype(np.int64), score)
+    """Return what a detector found, whose pixels' middles have whole numbers.
+
+    As YOLO's own tools do, every box stands under every class, with its score times
+    the class's probability: of a cone that may be either, both are ranked.
+    """
+    prob = class_prob[:, [int(c) for c in CLASSES]]
+    kind = np.arange(len(CLASSES)).repeat(len(box_px))
+    return Boxes(
+        np.tile(box_px + 0.5, (len(CLASSES), 1)),
+        kind,
+        (score[:, None] * prob).T.ravel(),
+    )
 
 
 def true_boxes(sample: Sample) -> Boxes:

@@ -12,7 +12,7 @@ from conegraph.types import Array, IntArray
 
 IGNORED = -1
 """Class of a cone that is neither asked for nor wrong."""
-LEAST_HEIGHT_PX = 7.0
+LEAST_HEIGHT_PX = 5.0
 """Lower cones are not asked for: too little of them is left."""
 LEAST_INSIDE = 0.35
 
