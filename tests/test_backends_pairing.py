@@ -84,9 +84,9 @@ def test_only_a_cone_that_comes_back_must_beat_a_new_one_by_a_margin() -> None:
 
 def test_where_cones_stand_in_clusters_each_must_beat_a_new_one() -> None:
     config = Config(association=AssociationConfig(new_margin=1000.0))
-    posts = XY + [0.0, 0.5]
+    beside = XY[:2] + np.array([0.0, 0.5])
     map_ = mapped(config)
-    map_.add(report(posts[:2]), 0.0)
+    map_.add(report(beside), 0.0)
     pairs = FramePairer(config, SENSOR).pair(map_, report(XY), STILL)
     assert not pairs.matched.any()
 
