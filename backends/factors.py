@@ -13,7 +13,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, L, V, X
 
-from conegraph.backends.motion import OdometryIncrement
+from conegraph.backends.motion import LONGEST_DOUBT_S, OdometryIncrement
 from conegraph.backends.sensor_noise import bearing_range_covariance
 from conegraph.config import MotionConfig
 from conegraph.types import Array, IntArray
@@ -36,8 +36,9 @@ SHORT_STEP = np.array([1e-8, 1e-8, 1e-9])
 ONE_CONE_SIGMA_M = 0.003
 """How exactly two variables that are one cone coincide."""
 
-JUMP_SIGMAS = np.array([100.0, 100.0, 10.0])
-"""A car that was carried may be anywhere; this only keeps its pose determined."""
+JUMP_SIGMAS = np.array([20.0, 20.0, 2.0])
+"""A car that was carried may be anywhere; this only keeps its pose determined. Doubt
+4096 times as wide as what ties the cones then mapped together is too much for gtsam."""
 
 
 def start_prior(sigmas: Array) -> gtsam.NonlinearFactor:
@@ -89,9 +90,11 @@ def free_motion(
     spectral densities ``sigma^2 dt``. (Barfoot, Tong and Sarkka, "Batch continuous-
     time trajectory estimation as exactly sparse Gaussian process regression", 2014.)
     The variance of a step's place is ``density dt^3 / 3``, and at least `SHORT_STEP`:
-    two frames a microsecond apart would leave the solver a singular system.
+    two frames a microsecond apart would leave the solver a singular system. A step is
+    taken for no longer than `LONGEST_DOUBT_S`: the doubt is then as wide as the track,
+    and one of an hour leaves a singular system too.
     """
-    dt = now_s - before_s
+    dt = min(now_s - before_s, LONGEST_DOUBT_S)
     density = np.array(
         [
             motion.accel_sigma_mps2**2 * dt,
@@ -100,7 +103,7 @@ def free_motion(
         ]
     )
     density = np.maximum(density, 3.0 * SHORT_STEP / dt**3)
-    before = gtsam.StateData(X(k - 1), V(k - 1), before_s)
+    before = gtsam.StateData(X(k - 1), V(k - 1), now_s - dt)
     now = gtsam.StateData(X(k), V(k), now_s)
     straight = gtsam.noiseModel.Diagonal.Sigmas(NON_HOLONOMIC_SIGMAS)
     return [

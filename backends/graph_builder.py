@@ -23,7 +23,7 @@ from conegraph.backends.factors import (
     start_velocity_prior,
 )
 from conegraph.backends.journal import Entry
-from conegraph.backends.motion import yaw_rate_bias_sigma
+from conegraph.backends.motion import BLIND_RAD, yaw_rate_bias_sigma
 from conegraph.backends.sensor_noise import squared_mahalanobis, transport_covariance
 from conegraph.config import Isam2Config, MotionConfig
 from conegraph.geometry import to_child
@@ -82,16 +82,18 @@ class GraphBuilder:
             factors.append(bias_walk(entry.segment, entry.walk_s, walk))
         if before is None:
             return factors
-        if frame.jump:
+        step = frame.increment
+        if frame.jump or (step is not None and step.cov[2, 2] > BLIND_RAD**2):
             return [*factors, jump(k, before.frame.state[:3], frame.state[:3])]
-        if frame.increment is not None:
+        if step is not None:
             at = (entry.segment, bias) if self.has_bias else None
-            return [*factors, odometry_motion(k, frame.increment, pose_before, at)]
+            return [*factors, odometry_motion(k, step, pose_before, at)]
         if entry.starts_moving:
             speed = before.frame.state[3:5]
             factors.append(start_velocity_prior(k - 1, speed, self._motion))
-        step = free_motion(k, before.frame.stamp_s, frame.stamp_s, self._motion)
-        return factors + step
+        return factors + free_motion(
+            k, before.frame.stamp_s, frame.stamp_s, self._motion
+        )
 
     def cones(self, entry: Entry) -> Factors:
         """Return the kept sightings of an entry, in their order.

@@ -31,6 +31,10 @@ LONGEST_DOUBT_S = 5.0
 """Doubt grows no further than over this: the car is then anywhere on the track, and
 variances much greater than that drown the sensor's in rounding."""
 
+BLIND_RAD = 1.0
+"""A heading less sure than this is not known. The covariance of odometry that says no
+more, after a gap of seconds, spans so many orders of magnitude that no solver can use
+it."""
 
 CHEAP_GYRO_RADPS = 0.01
 """Sigma of the yaw-rate bias where neither source nor configuration tells."""

@@ -10,6 +10,7 @@ import numpy as np
 from conegraph.backends.local_map import LocalMap
 from conegraph.backends.local_window import LocalWindow
 from conegraph.backends.lost import LostMonitor
+from conegraph.backends.motion import BLIND_RAD
 from conegraph.backends.pairing import Pairs
 from conegraph.backends.pairing_problem import ClusterVerdict
 from conegraph.backends.put_car import Found, put_car
@@ -145,7 +146,8 @@ class Recovery:
     ) -> None:
         """See whether the map still fits, after a frame corrected the filter.
 
-        With a whole map, a cone that is not on it speaks against the pose.
+        With a whole map, a cone that is not on it speaks against the pose, and a car
+        that comes out of a gap without a heading is to be looked for.
         """
         if not self._on or self.lost:
             return
@@ -154,8 +156,10 @@ class Recovery:
             return
         whole_map |= fixed or self._mode is _Mode.STARTING
         self._monitor.frame(map_, frame, whole_map=whole_map)
-        if self._monitor.lost:
+        blind = whole_map and map_.filter.vehicle_cov[2, 2] > BLIND_RAD**2
+        if self._monitor.lost or blind:
             why = f"only {100 * self._monitor.share:.0f} % of cones match the map"
+            why = "the heading is not known" if blind else why
             known = map_.publish() if self._fixed is None else self._fixed
             self._begin(_Mode.LOST, known, why)
         elif self._mode is _Mode.STARTING and self._driven_m > UNOPPOSED_M:

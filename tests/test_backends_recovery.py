@@ -181,6 +181,28 @@ def test_what_a_lost_car_saw_gets_no_second_look() -> None:
     assert aside[True] == 0 < aside[False]
 
 
+def test_a_pause_of_half_a_minute_ends_neither_the_graph_nor_the_map() -> None:
+    """Nothing is told for so long that the car may have gone anywhere."""
+    recording = drive("camera", 2)
+    truth = recording.truth_map
+    assert truth is not None
+    config = resolve_config({"backend": {"kind": "isam2"}})
+    backend = make_backend(config.backend, config, sensor=recording.sensor)
+    cut_s = 0.6 * recording.stream[-1].stamp_s
+    for event in recording.events():
+        late_s = 30.0 if event.stamp_s > cut_s else 0.0
+        event = replace(event, stamp_s=event.stamp_s + late_s)
+        if isinstance(event, VelocityObservation):
+            backend.observe_velocity(event)
+        else:
+            backend.observe_cones(event)
+    assert backend.estimate().reset_counter == 1
+    assert backend.finish() is not None
+    judged = map_metrics(backend.cone_map(), truth)
+    assert judged.precision == 1.0
+    assert judged.rmse_aligned_m < 0.03
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_while_mapping_a_carried_car_adds_nothing_until_it_is_found(kind: str) -> None:
     recording = drive("lidar", 2)
