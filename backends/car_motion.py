@@ -65,10 +65,7 @@ class CarMotion:
             self.increment = self.queue.peek(before_s, stamp_s)
             before_s = self._correct_with_samples(filter_, before_s, stamp_s)
             step = self._step(filter_.vehicle, stamp_s - before_s, None)
-        filter_.predict(step)
-        seen = None if self.increment is None else self.increment.bias
-        if seen is not None and yaw_rate_bias_sigma(self._config) > 0.0:
-            filter_.update_bias(*seen)
+        self._predict(filter_, step, self.increment)
         self.noise = self.noise + step.Q
         return float(np.hypot(*(step.state[:2] - start[:2])))
 
@@ -81,7 +78,20 @@ class CarMotion:
         self, filter_: LandmarkFilter, dt_s: float, increment: OdometryIncrement | None
     ) -> None:
         """Predict a filter once more over a step that was taken before."""
-        filter_.predict(self._step(filter_.vehicle, dt_s, increment))
+        step = self._step(filter_.vehicle, dt_s, increment)
+        self._predict(filter_, step, increment)
+
+    def _predict(
+        self,
+        filter_: LandmarkFilter,
+        step: Prediction,
+        increment: OdometryIncrement | None,
+    ) -> None:
+        """Predict, and correct the bias that a standing car's gyro shows."""
+        filter_.predict(step)
+        seen = None if increment is None else increment.bias
+        if seen is not None and yaw_rate_bias_sigma(self._config) > 0.0:
+            filter_.update_bias(*seen)
 
     def look_ahead(self, state: Array, stamp_s: float) -> Prediction:
         """Predict a state beyond the last frame and change nothing."""

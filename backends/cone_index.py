@@ -78,7 +78,7 @@ class ConeIndex:
         inside = ((cell >= 0) & (cell < self._shape)).all(axis=2) & (gap < REACH_M)
         cone, _ = np.nonzero(inside)
         flat = (cell[..., 0] * self._shape[1] + cell[..., 1])[inside]
-        order = np.argsort(-gap[inside])
+        order = np.argsort(-gap[inside], kind="stable")
         self._nearest = np.full(int(self._shape.prod()) + 1, self.n, dtype=np.int64)
         self._nearest[flat[order]] = cone[order]
 

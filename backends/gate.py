@@ -17,6 +17,26 @@ from conegraph.types import Array, ConeObservations, VelocityObservation
 VELOCITY_SIGMAS = (1e-6, 1e3)
 """Sigmas (m/s, rad/s) outside of which a filter's arithmetic breaks down."""
 
+LEAP_S = 10.0
+"""A stamp farther ahead than this must be confirmed by the next: one that is wrong
+would make all that follow look old."""
+
+
+class _Clock:
+    """The stamps of one kind of event."""
+
+    def __init__(self) -> None:
+        self.last_s = -np.inf
+        self._leap_s = -np.inf
+
+    def leaps(self, stamp_s: float) -> bool:
+        """Whether a stamp is far ahead, and of the last one that was, too."""
+        if not np.isfinite(self.last_s) or stamp_s - self.last_s <= LEAP_S:
+            return False
+        confirmed = 0.0 <= stamp_s - self._leap_s <= LEAP_S
+        self._leap_s = stamp_s
+        return not confirmed
+
 
 class InputGate:
     """Checks events in the order in which they arrive."""
@@ -24,12 +44,11 @@ class InputGate:
     def __init__(self, config: GateConfig) -> None:
         """Start with nothing seen."""
         self._config = config
-        self._last_cones_s = -np.inf
-        self._last_velocity_s = -np.inf
+        self._frames, self._samples = _Clock(), _Clock()
         self.rejected: Counter[str] = Counter()
 
     def cones(self, frame: ConeObservations) -> ConeObservations | None:
-        """Return the frame with its sane cones, or None for a stale frame.
+        """Return the frame with its sane cones, or None for one of a wrong stamp.
 
         The comparisons are written so that NaN fails them.
         """
@@ -37,10 +56,13 @@ class InputGate:
         if not np.isfinite(frame.stamp_s):
             self.rejected["frame: stamp is not a number"] += 1
             return None
-        if not frame.stamp_s > self._last_cones_s:
+        if not frame.stamp_s > self._frames.last_s:
             self.rejected["frame: stamp does not increase"] += 1
             return None
-        self._last_cones_s = frame.stamp_s
+        if self._frames.leaps(frame.stamp_s):
+            self.rejected["frame: stamp leaps ahead"] += 1
+            return None
+        self._frames.last_s = frame.stamp_s
         xy = frame.xy_m
         with np.errstate(invalid="ignore", over="ignore"):
             range_m = np.hypot(xy[:, 0], xy[:, 1])
@@ -78,8 +100,10 @@ class InputGate:
         reason = ""
         if not (np.isfinite(values).all() and np.isfinite(sample.cov).all()):
             reason = "odometry: not a number"
-        elif not sample.stamp_s >= self._last_velocity_s:
+        elif not sample.stamp_s >= self._samples.last_s:
             reason = "odometry: stamp goes backwards"
+        elif self._samples.leaps(sample.stamp_s):
+            reason = "odometry: stamp leaps ahead"
         elif abs(sample.u_mps) > c.max_speed_mps:
             reason = "odometry: too fast"
         elif abs(sample.r_radps) > c.max_yaw_rate_radps:
@@ -89,7 +113,7 @@ class InputGate:
         if reason:
             self.rejected[reason] += 1
             return None
-        self._last_velocity_s = sample.stamp_s
+        self._samples.last_s = sample.stamp_s
         return sample
 
 

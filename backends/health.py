@@ -37,7 +37,8 @@ class HealthMonitor:
         c = self._config
         if self._frames < c.init_frames:
             return Status.INIT, f"{self._frames} frames with matched cones so far"
-        silent_s = stamp_s - (self._last_match_s or stamp_s)
+        last_s = stamp_s if self._last_match_s is None else self._last_match_s
+        silent_s = stamp_s - last_s
         has_odometry = stamp_s - odometry_s <= c.degraded_after_s
         if silent_s > c.lost_after_s and not has_odometry:
             return Status.LOST, f"no cone matched for {silent_s:.1f} s, no odometry"

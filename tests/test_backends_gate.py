@@ -133,6 +133,14 @@ def test_every_cone_is_counted_once() -> None:
     }
 
 
+def test_one_stamp_far_ahead_is_left_out_and_a_pause_costs_one_frame() -> None:
+    gate = InputGate(CONFIG)
+    stamps = (1.0, 1e6, 1.1, 1.2, 500.0, 500.1, 500.2)
+    passed = [gate.cones(frame(FINE_XY, stamp=s)) is not None for s in stamps]
+    assert passed == [True, False, True, True, False, True, True]
+    assert gate.rejected == {"frame: stamp leaps ahead": 2}
+
+
 def test_stale_frames_are_dropped_and_do_not_move_the_clock() -> None:
     gate = InputGate(CONFIG)
     for stamp in (1.0, np.nan, np.inf, 1.0, 0.5, -np.inf, 1.5):
