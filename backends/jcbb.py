@@ -33,7 +33,7 @@ def pair_jointly(config: AssociationConfig, problem: Problem) -> Pairing:
     Of equally large sets the one of least cost is taken, see `Interpretation`. A row
     that another set, as large and not dearer by `ambiguity_d2`, pairs otherwise stays
     unmatched, and so does a pair that, judged by all the others, does not beat
-    "this is a new cone" by `new_margin`.
+    "this is a new cone" by its cone's margin.
     """
     state = PairingState.start(problem)
     column = _Search(config, problem).best()
@@ -42,7 +42,7 @@ def pair_jointly(config: AssociationConfig, problem: Problem) -> Pairing:
         d2, logdet = judged_by_others(problem, row, column[row])
         colour = problem.cost[row, column[row]]
         gain = problem.new_cost - d2 - logdet - colour
-        kept = (gain >= config.new_margin) & (d2 <= config.gate_d2)
+        kept = (gain >= problem.margin[column[row]]) & (d2 <= config.gate_d2)
         row = row[kept]
     if len(row):
         d2_alone, _ = mahalanobis(problem.xy_m, problem.noise_m2, state.h, state.cov)

@@ -20,7 +20,7 @@ def pair_one_to_one(config: AssociationConfig, problem: Problem) -> Pairing:
     """Take the assignment with the greatest likelihood of the frame as a whole.
 
     With ``c_ij = d2_ij + log|S_ij| + colour_ij`` and the cost n of a new cone, it
-    minimises ``sum c_ij - (n - new_margin)`` over the pairs made, each row and
+    minimises ``sum c_ij - (n - margin_j)`` over the pairs made, each row and
     column in one pair at most; pairs beyond the gate are not made (Hungarian
     method; Blackman and Popoli, "Design and Analysis of Modern Tracking Systems",
     1999, section 6.4). A pair stays only if no assignment that gives either of the
@@ -32,8 +32,8 @@ def pair_one_to_one(config: AssociationConfig, problem: Problem) -> Pairing:
     state = PairingState.start(problem)
     d2, logdet = mahalanobis(problem.xy_m, problem.noise_m2, state.h, state.cov)
     gain = problem.new_cost - d2 - problem.cost - logdet
-    possible = problem.allowed & (d2 <= config.gate_d2) & (gain >= config.new_margin)
-    cost = np.where(possible, config.new_margin - gain, np.inf)
+    possible = problem.allowed & (d2 <= config.gate_d2) & (gain >= problem.margin)
+    cost = np.where(possible, problem.margin - gain, np.inf)
     column = assign(cost)
     column[~unambiguous(cost, column, config.ambiguity_d2)] = -1
     row = np.flatnonzero(column >= 0)

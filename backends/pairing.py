@@ -8,7 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from conegraph.backends.association import associate, is_careful
+from conegraph.backends.clusters import CLUSTER_M
 from conegraph.backends.landmark_filter import PredictedCones
+from conegraph.backends.landmarks import LandmarkBook
 from conegraph.backends.local_map import LocalMap
 from conegraph.backends.pairing_problem import (
     ClusterVerdict,
@@ -30,6 +32,12 @@ from conegraph.types import (
 
 KNOWN_AREA_M = 2.5
 """An observation nearer than this to a mapped cone lies where the map is known."""
+
+LATELY_M = 5.0
+"""A cone that was seen within so much of the way is being followed."""
+
+CROWDED = 0.25
+"""Share of the cones in view that stand in clusters where any may have a neighbour."""
 
 FEW_MATCHES = 0.7
 """Below this share of the known area's cones a pairing is tried again."""
@@ -186,6 +194,7 @@ class FramePairer:
                 allowed,
                 self._loose_limit(predicted.xy_m),
                 self._new_cost(),
+                self._margin(map_.book, row, predicted.xy_m),
             ),
         )
 
@@ -209,6 +218,29 @@ class FramePairer:
         share = (sum(self._appearances) + 0.5) / (MEMORY + 1.0)
         density = (self._seen + 0.5) / max(area_m2, 1.0) * share
         return float(-2.0 * np.log(2.0 * np.pi * density))
+
+    def _margin(self, book: LandmarkBook, row: IntArray, xy_m: Array) -> Array:
+        """Return by how much a match with each cone (k,) must beat "a new cone".
+
+        A margin cuts off the tail of the errors of what is matched: of a cone 10 m
+        away one sighting in ten. The rest says more than it should, and draws map and
+        car to where they were believed to be. So a cone that is being followed
+        asks none. One that comes back does, for it may close a loop, and so does any
+        where cones stand in clusters: there the next may well be a new one.
+
+        Args:
+            book: what is known of the cones.
+            row: (k,) the rows of those in view.
+            xy_m: (k, 2) where they are predicted.
+        """
+        margin = np.full(len(row), self._config.association.new_margin)
+        apart = np.linalg.norm(xy_m[:, None] - xy_m, axis=2)
+        np.fill_diagonal(apart, np.inf)
+        crowded = apart.min(axis=1, initial=np.inf) < CLUSTER_M
+        if crowded.sum() <= CROWDED * len(row):
+            newest_m = book.last_seen_m.max(initial=0.0)
+            margin[book.last_seen_m[row] >= newest_m - LATELY_M] = 0.0
+        return margin
 
     def note_appearances(self, n_new: int, n_returned: int) -> None:
         """Remember that so many new cones, and so many old ones, came into view."""

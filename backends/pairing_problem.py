@@ -23,6 +23,7 @@ class Problem:
         loose_m: (k,) sigma beyond which a predicted place says too little.
         new_cost: what it costs to call an observation a new cone, on the scale of
             ``d2 + log|S|``.
+        margin: (k,) by how much a match with a cone must beat this.
     """
 
     xy_m: Array
@@ -32,6 +33,7 @@ class Problem:
     allowed: Mask
     loose_m: Array
     new_cost: float
+    margin: Array
 
 
 @dataclass(frozen=True, slots=True)

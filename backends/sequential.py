@@ -29,7 +29,7 @@ def pair_sequentially(config: AssociationConfig, problem: Problem) -> Pairing:
     """Accept the surest pairs, condition all other predictions on them, repeat.
 
     A pair must pass the gate given the pairs before it, beat every rival for
-    either side by `ambiguity_d2`, and beat "this is a new cone" by `new_margin`;
+    either side by `ambiguity_d2`, and beat "this is a new cone" by its cone's margin;
     pairs are accepted in the order of ``d2 + log|S| + colour``. Pairs that pass
     their own gates but contradict each other jointly cannot arise, as they do when
     each is tested alone (Neira and Tardos, "Data association in stochastic mapping
@@ -58,7 +58,7 @@ def _advance(
         free = problem.allowed & (state.column < 0)[:, None] & ~state.used
         weighed = np.where(free, d2 + problem.cost, np.inf)
         gain = problem.new_cost - d2 - problem.cost - logdet
-        sure = free & (d2 <= config.gate_d2) & (gain >= config.new_margin)
+        sure = free & (d2 <= config.gate_d2) & (gain >= problem.margin)
         sure &= _beats_rivals(weighed, config.ambiguity_d2)
         row, col = np.nonzero(sure)
         if len(row) == 0:

@@ -28,6 +28,7 @@ def problem(seen: Array, mapped: Array, sigma_m: float = 0.1) -> Problem:
         np.ones((m, k), dtype=bool),
         np.full(k, 10.0),
         20.0,
+        np.full(k, 3.0),
     )
 
 

@@ -31,6 +31,7 @@ def problem(seen: Array, mapped: Array) -> Problem:
         np.ones((m, k), dtype=bool),
         np.full(k, 10.0),
         NEW_COST,
+        np.full(k, CONFIG.new_margin),
     )
 
 

@@ -40,6 +40,7 @@ def problem(seen: Array, mapped: Array, pose_cov: Array) -> Problem:
         np.ones((m, k), dtype=bool),
         np.full(k, 10.0),
         float(-2 * np.log(2 * np.pi * 0.02)),
+        np.full(k, CONFIG.new_margin),
     )
 
 

@@ -25,7 +25,9 @@ S_M2 = 0.02
 LOG_DET = 2.0 * np.log(S_M2)
 
 
-def problem(seen: Array, mapped: Array, new_cost: float = 20.0) -> Problem:
+def problem(
+    seen: Array, mapped: Array, new_cost: float = 20.0, margin: float = 3.0
+) -> Problem:
     m, k = len(seen), len(mapped)
     return Problem(
         seen,
@@ -35,6 +37,7 @@ def problem(seen: Array, mapped: Array, new_cost: float = 20.0) -> Problem:
         np.ones((m, k), dtype=bool),
         np.full(k, 10.0),
         new_cost,
+        np.full(k, margin),
     )
 
 
@@ -96,10 +99,10 @@ def test_the_whole_frame_is_weighed_where_the_nearest_is_taken_away() -> None:
     # against 0.3025 / S = 15.1 for the first and 0 for the second.
     mapped = np.array([[5.0, 0.0], [5.0, 1.0]])
     seen = np.array([[5.0, 0.45], [5.0, 0.0]])
-    wide = CONFIG.model_copy(update={"gate_d2": 20.0, "new_margin": 0.0})
-    asked = problem(seen, mapped, new_cost=30.0)
+    wide = CONFIG.model_copy(update={"gate_d2": 20.0})
+    asked = problem(seen, mapped, new_cost=30.0, margin=0.0)
     np.testing.assert_array_equal(associate(wide, asked).column, [1, 0])
-    alone = associate(wide, problem(seen[:1], mapped, new_cost=30.0))
+    alone = associate(wide, problem(seen[:1], mapped, 30.0, 0.0))
     assert alone.column[0] in (-1, 0)
 
 

@@ -72,6 +72,25 @@ def test_between_match_and_birth_lies_a_band_of_neither(d2: float, fate: str) ->
     assert pairs.d2[3] == pytest.approx(d2)
 
 
+def test_only_a_cone_that_comes_back_must_beat_a_new_one_by_a_margin() -> None:
+    """With a margin that nothing beats, what still matches has none."""
+    config = Config(association=AssociationConfig(new_margin=1000.0))
+    map_, frame = mapped(config), report(XY)
+    followed = np.array([0, 1, 2, 4])
+    map_.book.hit(followed, frame.class_prob[followed], 10.0)
+    pairs = FramePairer(config, SENSOR).pair(map_, frame, STILL)
+    np.testing.assert_array_equal(np.flatnonzero(pairs.matched), followed)
+
+
+def test_where_cones_stand_in_clusters_each_must_beat_a_new_one() -> None:
+    config = Config(association=AssociationConfig(new_margin=1000.0))
+    beside = XY[:2] + np.array([0.0, 0.5])
+    map_ = mapped(config)
+    map_.add(report(beside), 0.0)
+    pairs = FramePairer(config, SENSOR).pair(map_, report(XY), STILL)
+    assert not pairs.matched.any()
+
+
 def test_a_car_that_jumped_is_found_by_doubting_its_motion() -> None:
     config = Config()
     map_ = mapped(config)

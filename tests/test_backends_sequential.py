@@ -50,6 +50,7 @@ def problem(
         np.full(k, loose_m),
         # Beside a density of 0.02 new cones per square metre.
         float(-2 * np.log(2 * np.pi * 0.02)),
+        np.full(k, CONFIG.new_margin),
     )
 
 
