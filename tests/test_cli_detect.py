@@ -45,7 +45,7 @@ def test_a_folder_of_pictures(
     cv2.imwrite(str(folder / "a.jpg"), np.full((50, 60, 3), 105, dtype=np.uint8))
     (folder / "c.png").write_bytes(b"no picture")
     (folder / "notes.txt").write_text("x", encoding="utf-8")
-    assert detect(folder, "--out", table) == 0
+    assert detect(folder, "--detector", "hsv", "--out", table) == 0
     said = capsys.readouterr()
     assert "1 cones in 2 pictures" in said.out
     assert "left out: " in said.err

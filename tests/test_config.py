@@ -237,10 +237,10 @@ def test_resolving_leaves_the_given_tree_alone() -> None:
     [
         ("detector.profile=best", "detector.kind: 'hsv/best' is none of hsv, hsv/the"),
         ("detector.kind=net", "detector.kind: 'net' is none of hsv"),
-        ("detector.colour_radius=3", "colour_radius belongs to hsv/thesis, not to hsv"),
+        ("detector.colour_radius=3", "belongs to hsv/thesis, not to yolo"),
         ("detector.min_pixel=3", "did you mean detector.min_pixels?"),
         ("detector=3", "detector is a section of keys"),
-        ("detector.blue_hue=[90, 200]", "detector.blue_hue.1: Input should be less"),
+        ("detector.min_score=2", "detector.min_score: Input should be less"),
     ],
 )
 def test_a_wrong_detector_key_is_named(override: str, said: str) -> None:
@@ -252,4 +252,6 @@ def test_each_detector_profile_has_its_own_keys() -> None:
     thesis = load_config(None, ["detector.profile=thesis", "detector.median_px=3"])
     assert isinstance(thesis.detector, HsvThesisConfig)
     assert thesis.detector.median_px == 3
-    assert isinstance(load_config().detector, HsvConfig)
+    assert isinstance(load_config().detector, YoloConfig)
+    by_colour = load_config(None, ["detector.kind=hsv", "detector.blue_hue=[90, 99]"])
+    assert isinstance(by_colour.detector, HsvConfig)

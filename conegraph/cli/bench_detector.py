@@ -80,7 +80,8 @@ def _map_figures(
 
     names = [name.strip() for name in backends.split(",")]
     figures = []
-    colour = [word for word in plain if not word.startswith("detector.")]
+    rest = [word for word in plain if not word.startswith("detector.")]
+    colour = [*rest, "detector.kind=hsv"]
     for kind, settings in (("yolo", learned), ("hsv", colour)):
         with progress_bar(f"camera to map, {kind}") as advance:
             for figure in map_figures(seed, names, settings, advance):

@@ -52,7 +52,8 @@ def frontend(
     from conegraph.config import load_config
     from conegraph.sim.render import LIGHT_NAMES
 
-    config = load_config(None, set_ or [])
+    settings = ["detector.kind=hsv", *(set_ or [])]
+    config = load_config(None, settings)
     figures = [] if photos is None else _photos(photos, config)
     words = listed("--lights", lights, LIGHT_NAMES)
     chosen = tuple(name for name in LIGHT_NAMES if name in words)
@@ -62,7 +63,7 @@ def frontend(
     if maps:
         names = [name.strip() for name in backends.split(",")]
         with progress_bar("camera to map") as advance:
-            figures += map_figures(first_seed, names, set_ or [], advance)
+            figures += map_figures(first_seed, names, settings, advance)
     show_figures(figures, "Front end", json_)
 
 
@@ -72,5 +73,5 @@ def _photos(folder: Path, config: Config) -> list[Figure]:
 
     detector = config.detector
     if not isinstance(detector, HsvConfig):
-        raise typer.BadParameter("--photos asks for detector.profile = default")
+        raise typer.BadParameter("--photos asks for the detector hsv")
     return photo_figures(folder, detector)

@@ -76,7 +76,7 @@ class HsvThesisConfig(Section):
     kind: Literal["hsv"] = "hsv"
     """Which detector this section configures."""
     profile: Literal["thesis"] = "thesis"
-    """`default` is the detector that we measured to be best."""
+    """`thesis` is the published method, `default` has keys of its own."""
     colours: Annotated[tuple[ColourRange, ...], Field(min_length=1, strict=False)] = (
         TABLE_3_1
     )
@@ -138,7 +138,8 @@ class YoloConfig(Section):
 
 def _tag(given: Any) -> str:
     read = given.get if isinstance(given, Mapping) else partial(getattr, given)
-    kind, profile = read("kind", "hsv"), read("profile", "default")
+    profile = read("profile", "default")
+    kind = read("kind", "yolo" if profile == "default" else "hsv")
     return f"{kind}" if profile == "default" else f"{kind}/{profile}"
 
 

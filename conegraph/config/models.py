@@ -9,8 +9,8 @@ from pydantic import Field
 from conegraph.config.detector import (
     DetectorConfig,
     GroundConfig,
-    HsvConfig,
     LocalizationConfig,
+    YoloConfig,
 )
 from conegraph.config.mount import MountConfig
 from conegraph.config.section import (
@@ -308,7 +308,7 @@ class Config(Section):
     """Start line and laps."""
     mount: MountConfig = MountConfig()
     """Where the camera sits."""
-    detector: DetectorConfig = HsvConfig()
+    detector: DetectorConfig = YoloConfig()
     """What finds cones in pictures."""
     ground: GroundConfig = GroundConfig()
     """The ground plane under the camera."""
