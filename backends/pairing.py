@@ -34,7 +34,7 @@ KNOWN_AREA_M = 2.5
 """An observation nearer than this to a mapped cone lies where the map is known."""
 
 LATELY_M = 5.0
-"""A cone that was seen within so much of the way is being followed."""
+"""A cone seen within so much of the way before the newest sighting is followed."""
 
 CROWDED = 0.25
 """Share of the cones in view that stand in clusters where any may have a neighbour."""

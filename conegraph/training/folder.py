@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from conegraph.errors import FileFormatError
+from conegraph.io.csv_table import read_text
 from conegraph.io.picture_file import PICTURE_SUFFIXES, read_color
 from conegraph.io.yolo_labels import read_yolo_labels
 from conegraph.training.collage import CLASSES
@@ -45,7 +46,7 @@ def _numbers(folder: Path) -> list[int]:
     path = folder / NAMES
     if not path.is_file():
         return list(range(len(names)))
-    given = path.read_text(encoding="utf-8").split()
+    given = read_text(path).split()
     wrong = [name for name in given if name not in names]
     if wrong:
         raise FileFormatError(path, f"{wrong[0]!r} is none of {', '.join(names)}")
