@@ -222,9 +222,9 @@ class FramePairer:
     def _margin(self, book: LandmarkBook, row: IntArray, xy_m: Array) -> Array:
         """Return by how much a match with each cone (k,) must beat "a new cone".
 
-        A margin cuts off the tail of the errors of what is matched: of a cone 10 m
-        away one sighting in ten. The rest says more than it should, and draws map and
-        car to where they were believed to be. So a cone that is being followed
+        A margin cuts off the tail of the errors of what is matched, the more the less
+        precise it is. The rest says more than it should, and draws map and car to
+        where they were believed to be. So a cone that is being followed
         asks none. One that comes back does, for it may close a loop, and so does any
         where cones stand in clusters: there the next may well be a new one.
 

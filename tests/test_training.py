@@ -186,6 +186,16 @@ def test_a_folder_of_labelled_pictures(tmp_path: Path) -> None:
         read_folder(tmp_path)
 
 
+def test_large_pictures_are_learned_at_the_size_they_are_looked_at(
+    tmp_path: Path,
+) -> None:
+    cv2.imwrite(str(tmp_path / "a.png"), np.full((1000, 2560, 3), 90, np.uint8))
+    (tmp_path / "a.txt").write_text("1 0.5 0.5 0.1 0.2\n")
+    (sample,) = read_folder(tmp_path)
+    assert sample.picture.shape == (500, 1280, 3)
+    np.testing.assert_allclose(sample.box_px, [[576.0, 200.0, 704.0, 300.0]])
+
+
 def test_a_folder_without_labels_is_refused(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "a.png"), GREY)
     with pytest.raises(FileFormatError, match="no picture with a label"):
