@@ -30,8 +30,9 @@ class _Clock:
         self._leap_s = -np.inf
 
     def leaps(self, stamp_s: float) -> bool:
-        """Whether a stamp is far ahead, and of the last one that was, too."""
+        """Whether a stamp is far ahead, and the one before it did not lead there."""
         if not np.isfinite(self.last_s) or stamp_s - self.last_s <= LEAP_S:
+            self._leap_s = -np.inf
             return False
         confirmed = 0.0 <= stamp_s - self._leap_s <= LEAP_S
         self._leap_s = stamp_s

@@ -34,7 +34,7 @@ KNOWN_AREA_M = 2.5
 """An observation nearer than this to a mapped cone lies where the map is known."""
 
 LATELY_M = 5.0
-"""A cone that was seen within so much of the way is being followed."""
+"""A cone seen within so much of the way before the newest sighting is followed."""
 
 CROWDED = 0.25
 """Share of the cones in view that stand in clusters where any may have a neighbour."""
@@ -222,9 +222,9 @@ class FramePairer:
     def _margin(self, book: LandmarkBook, row: IntArray, xy_m: Array) -> Array:
         """Return by how much a match with each cone (k,) must beat "a new cone".
 
-        A margin cuts off the tail of the errors of what is matched: of a cone 10 m
-        away one sighting in ten. The rest says more than it should, and draws map and
-        car to where they were believed to be. So a cone that is being followed
+        A margin cuts off the tail of the errors of what is matched, the more the less
+        precise it is. The rest says more than it should, and draws map and car to
+        where they were believed to be. So a cone that is being followed
         asks none. One that comes back does, for it may close a loop, and so does any
         where cones stand in clusters: there the next may well be a new one.
 

@@ -88,10 +88,15 @@ def measure_sizes(
 
 
 def fits(prob: Array, sizes: Sizes, gate_d2: float) -> Mask:
-    """Say which candidates (N,) have a size that cones of their colour have."""
-    orange = prob[:, ConeClass.ORANGE] + prob[:, ConeClass.BIG_ORANGE] > 0.5
+    """Say which candidates (N,) have a size that cones of their colour have.
+
+    Only orange ones come in both; how sure the detector is of a cone at all, which is
+    what its class is not unknown, does not matter here.
+    """
+    orange = prob[:, ConeClass.ORANGE] + prob[:, ConeClass.BIG_ORANGE]
+    either = 2.0 * orange >= 1.0 - prob[:, ConeClass.UNKNOWN]
     small, big = sizes.misfit_d2.T
-    fit: Mask = np.where(orange, np.minimum(small, big), small) <= gate_d2
+    fit: Mask = np.where(either, np.minimum(small, big), small) <= gate_d2
     return fit
 
 

@@ -23,7 +23,8 @@ HALF_TOP, HALF_FOOT = 0.04, 0.34
 AXIS_LEVEL = 0.45
 ORANGE = [ConeClass.ORANGE, ConeClass.BIG_ORANGE]
 WEAK_SCORE = 0.3
-"""Boxes of a lower score are doubted, and change nothing for stronger ones."""
+"""Boxes of a lower score take no pixels from stronger ones, nor crowd them; there are
+such only with a `min_score` below this."""
 
 
 class YoloDetector:

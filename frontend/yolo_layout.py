@@ -16,6 +16,8 @@ GREY = 114
 """What is left of the input beside the picture."""
 SIZE_MULTIPLE = 32
 MAX_CANDIDATES = 2000
+ROUNDING = 1e-3
+"""By how much scores may leave [0, 1]: engines round."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +70,7 @@ def decoded(output: Floats, n_classes: int) -> tuple[Array, Array]:
     all. The former's transpose is refused: it looks like v5 with a class less.
 
     Raises:
-        ValueError: the shape is of none of them.
+        ValueError: the shape is of none of them, or scores are not within [0, 1].
     """
     shape = output.shape
     if len(shape) != 3 or shape[0] != 1:
@@ -84,8 +86,12 @@ def decoded(output: Floats, n_classes: int) -> tuple[Array, Array]:
             f"its output {shape} is neither (1, {4 + n_classes}, N) nor "
             f"(1, N, {5 + n_classes}): detector.classes names {n_classes} classes"
         )
+    sane = np.isfinite(rows).all() and score.min(initial=0.0) >= -ROUNDING
+    if not sane or score.max(initial=0.0) > 1.0 + ROUNDING:
+        raise ValueError("its scores are not within 0 and 1, or it says no numbers")
     half = rows[:, 2:4] / 2
-    return np.hstack([rows[:, :2] - half, rows[:, :2] + half]), score
+    box_px = np.hstack([rows[:, :2] - half, rows[:, :2] + half])
+    return box_px, np.clip(score, 0.0, 1.0)
 
 
 def strongest(

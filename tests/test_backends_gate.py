@@ -141,6 +141,14 @@ def test_one_stamp_far_ahead_is_left_out_and_a_pause_costs_one_frame() -> None:
     assert gate.rejected == {"frame: stamp leaps ahead": 2}
 
 
+def test_wrong_stamps_that_come_one_by_one_confirm_each_other_never() -> None:
+    frames, samples = InputGate(CONFIG), InputGate(CONFIG)
+    stamps = (1.0, 1e6, 1.1, 1e6 + 1.0, 1.2)
+    seen = [frames.cones(frame(FINE_XY, stamp=s)) is not None for s in stamps]
+    felt = [samples.velocity(velocity(s)) is not None for s in stamps]
+    assert seen == felt == [True, False, True, False, True]
+
+
 def test_stale_frames_are_dropped_and_do_not_move_the_clock() -> None:
     gate = InputGate(CONFIG)
     for stamp in (1.0, np.nan, np.inf, 1.0, 0.5, -np.inf, 1.5):

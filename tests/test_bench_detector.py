@@ -6,12 +6,16 @@ import cv2
 import numpy as np
 import pytest
 
+from conegraph.bench.detector import precision_figures
 from conegraph.bench.detector_photos import photo_figures
 from conegraph.bench.figure import Figure
+from conegraph.config import Config, YoloConfig
+from conegraph.config.detector import ConeLabel
 from conegraph.frontend.base import Candidates, Picture
 from conegraph.frontend.scale import GroundScale
 from conegraph.frontend.yolo import body_pixels, touching
-from conegraph.types import Array
+from conegraph.sim.render import draw_light, make_scene, render_frame
+from conegraph.types import Array, TruthMap
 
 # Heights of 40, 20, 12 px: the last is too low to be asked for.
 BOXES = np.array([[10.0, 10, 30, 50], [50, 10, 62, 30], [80, 10, 88, 22]])
@@ -79,3 +83,20 @@ def test_a_loose_box_counts_only_for_the_lenient_figure(photos: Path) -> None:
     loose[1, 3] += 1
     found = Fixed(loose, [0, 1])
     assert values(photo_figures(photos, found))[2:4] == [0.5, 0.5]
+
+
+def test_the_network_alone_is_asked_for_the_classes_that_are_configured() -> None:
+    rng = np.random.default_rng(11)
+    cones = TruthMap(
+        np.arange(2), np.array([[4.0, 1.2], [5.0, -1.4]]), np.array([0, 1])
+    )
+    scene = make_scene(cones, rng, light=draw_light(rng, "overcast"))
+    shots = [render_frame(scene, np.zeros(3), rng)]
+    swapped: tuple[ConeLabel, ...] = ("yellow", "blue", "orange", "big_orange")
+    for names, expected in ((YoloConfig().classes, 1.0), (swapped, 0.0)):
+        learned = YoloConfig(classes=names)
+        config = Config(detector=learned)
+        figures = precision_figures(shots, config, learned, lambda count: None)
+        for figure in (figures[1], figures[3]):
+            assert figure.values["blue"] == pytest.approx(expected, abs=0.5)
+            assert figure.values["yellow"] == pytest.approx(expected, abs=0.5)

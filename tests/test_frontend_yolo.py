@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from conegraph.camera import RgbdFrame
 from conegraph.config import YoloConfig, load_config
 from conegraph.config.detector import EngineName
-from conegraph.errors import FileFormatError
+from conegraph.errors import ConfigError, FileFormatError
 from conegraph.frontend import make_front_end, yolo_engine
+from conegraph.frontend.sizes import Sizes, fits
 from conegraph.frontend.yolo import YoloDetector, body_pixels, touching
 from conegraph.frontend.yolo_engine import SHIPPED, open_engine
 from conegraph.frontend.yolo_layout import decoded, letterboxed, strongest
@@ -53,6 +54,31 @@ def test_every_layout_says_the_same() -> None:
 def test_other_layouts_are_refused(shape: tuple[int, ...]) -> None:
     with pytest.raises(ValueError, match="output"):
         decoded(np.zeros(shape, np.float32), 3)
+
+
+@pytest.mark.parametrize("wrong", [np.nan, -2.0, 7.3])
+def test_scores_that_are_no_probabilities_are_refused(wrong: float) -> None:
+    output = padded(rows())
+    output[1, 5] = wrong
+    with pytest.raises(ValueError, match="within 0 and 1"):
+        decoded(output.T[None], 3)
+
+
+def test_a_size_of_one_side_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"input_px.*one side"):
+        load_config(None, ["detector.kind=yolo", "detector.input_px=[640,0]"])
+
+
+@pytest.mark.parametrize("share", [0.9, 0.3])
+def test_big_cones_fit_if_they_are_orange_however_weak(share: float) -> None:
+    big = Sizes(
+        np.array([0.5]), np.array([[40.0, 1.0]]), np.zeros((1, 2)), np.zeros((1, 4))
+    )
+    orange, blue = np.zeros((1, 5)), np.zeros((1, 5))
+    orange[0, [ConeClass.BIG_ORANGE, ConeClass.UNKNOWN]] = share, 1 - share
+    blue[0, [ConeClass.BLUE, ConeClass.UNKNOWN]] = share, 1 - share
+    assert fits(orange, big, 14.0).tolist() == [True]
+    assert fits(blue, big, 14.0).tolist() == [False]
 
 
 def test_a_small_picture_is_padded_and_keeps_its_size() -> None:
@@ -212,6 +238,21 @@ def test_engines_find_the_same_boxes(rendered: tuple[RgbdFrame, FrameTruth]) -> 
     assert len(first) >= 4
     np.testing.assert_allclose(first.box_px, second.box_px, atol=0.01)
     np.testing.assert_allclose(first.score, second.score, atol=1e-4)
+
+
+def test_boxes_of_an_enlarged_picture_are_enlarged(
+    rendered: tuple[RgbdFrame, FrameTruth],
+) -> None:
+    """Every pixel is made four; made smaller again the network sees the same."""
+    picture = rendered[0].color
+    detector = YoloDetector(YoloConfig(max_side_px=picture.shape[1]))
+    plain = detector.find(picture)
+    large = detector.find(picture.repeat(2, axis=0).repeat(2, axis=1))
+    # Edges: the first pixel's is at -0.5 in both. The foot is sought in the picture.
+    expected = 2.0 * (plain.box_px + 0.5) - 0.5
+    np.testing.assert_allclose(large.box_px[:, :3], expected[:, :3], atol=1e-3)
+    np.testing.assert_allclose(large.box_px[:, 3], expected[:, 3], atol=2.0)
+    np.testing.assert_allclose(large.score, plain.score, atol=1e-5)
 
 
 def test_the_less_sure_the_more_is_unknown(

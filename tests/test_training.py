@@ -15,6 +15,7 @@ from conegraph.training.collage import CLASSES, HEIGHT_PX, WIDTH_PX, make_collag
 from conegraph.training.folder import read_folder
 from conegraph.training.palette import make_sheets
 from conegraph.training.photometric import photographed
+from conegraph.training.report import as_boxes, judged
 from conegraph.training.sample import IGNORED, Sample, crop
 from conegraph.types import Array, IntArray
 
@@ -65,6 +66,17 @@ def test_only_the_heights_asked_for_count() -> None:
     found = [boxes([[50, 0, 60, 9], [80, 0, 90, 9]], [0, 0], [0.9, 0.8])]
     assert average_precision(found, real, 0, (8, 16)) == 1.0
     assert average_precision(found, real, 0, (16, 32)) == 0.0
+
+
+def test_a_class_that_is_never_named_is_never_found() -> None:
+    box = np.array([[0.0, 0, 10, 20]])
+    blue = np.eye(5)[:1]
+    there = [boxes((box + 0.5).tolist(), [1], [1])]
+    found = [as_boxes(box, blue, np.array([0.9]))]
+    assert judged(found, there).by_class[1] == 0.0
+    either = np.array([[0.7, 0.3, 0.0, 0.0, 0.0]])
+    found = [as_boxes(box, either, np.array([0.9]))]
+    assert judged(found, there).by_class[1] == 1.0
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -160,12 +172,28 @@ def test_a_folder_of_labelled_pictures(tmp_path: Path) -> None:
     assert sample.kind.tolist() == [1]
     (tmp_path / "classes.txt").write_text("yellow\nbig_orange\n")
     assert read_folder(tmp_path)[0].kind.tolist() == [3]
+    label.write_text("1 0.5 0.5 -0.1 -0.2\n")
+    with pytest.raises(FileFormatError, match=r"a\.txt:1: '1 0\.5 0\.5 -0\.1"):
+        read_folder(tmp_path)
     label.write_text("1 0.5 0.5 0.1 0.2\n7 0.5 0.5 0.1 0.2\n")
     with pytest.raises(FileFormatError, match=r"a\.txt:2: '7 0.5"):
         read_folder(tmp_path)
     (tmp_path / "classes.txt").write_text("yellow\npink\n")
     with pytest.raises(FileFormatError, match="'pink' is none of"):
         read_folder(tmp_path)
+    (tmp_path / "classes.txt").write_bytes(b"\xff\xfe")
+    with pytest.raises(FileFormatError, match="is none of"):
+        read_folder(tmp_path)
+
+
+def test_large_pictures_are_learned_at_the_size_they_are_looked_at(
+    tmp_path: Path,
+) -> None:
+    cv2.imwrite(str(tmp_path / "a.png"), np.full((1000, 2560, 3), 90, np.uint8))
+    (tmp_path / "a.txt").write_text("1 0.5 0.5 0.1 0.2\n")
+    (sample,) = read_folder(tmp_path)
+    assert sample.picture.shape == (500, 1280, 3)
+    np.testing.assert_allclose(sample.box_px, [[576.0, 200.0, 704.0, 300.0]])
 
 
 def test_a_folder_without_labels_is_refused(tmp_path: Path) -> None:

@@ -28,6 +28,7 @@ from conegraph.training.report import (
     Precisions,
     as_boxes,
     judged,
+    mean_known,
     precisions,
     true_boxes,
 )
@@ -93,26 +94,27 @@ def _darkened(frame: RgbdFrame) -> RgbdFrame:
     return replace(frame, color=dark)
 
 
-def precision_figures(shots: list[Shot], config: Config, done: Done) -> list[Figure]:
+def precision_figures(
+    shots: list[Shot], config: Config, detector: YoloConfig, done: Done
+) -> list[Figure]:
     """Return average precisions over renders: as the detector is used, and bare.
 
     In use the ground is known: what has not a cone's size is none, and orange cones
     are told apart by theirs. Alone, the network sees nothing but the picture.
     """
-    reach_m = config.detector.max_range_m
     found, real = [], []
-    weak = config.detector.model_copy(update={"min_score": LEAST_SCORE})
+    weak = detector.model_copy(update={"min_score": LEAST_SCORE})
     config = config.model_copy(update={"detector": weak})
     for count, (frame, truth) in enumerate(shots, 1):
         seen = make_front_end(config).examine(frame)
         prob = seen.observations.class_prob
         found.append(as_boxes(seen.box_px, prob, seen.score))
-        real.append(true_boxes(as_sample(frame.color, truth, reach_m - 1.0)))
+        asked = as_sample(frame.color, truth, detector.max_range_m - 1.0)
+        real.append(true_boxes(asked))
         done(count)
     used = judged(found, real)
     samples = [as_sample(frame.color, truth) for frame, truth in shots]
-    model = config.detector.model if isinstance(config.detector, YoloConfig) else ""
-    bare = precisions(model, samples, lambda count: None)
+    bare = precisions(detector, samples, lambda count: None)
     return [
         *_precisions(f"{len(shots)} unseen renders, with the ground", used),
         *_precisions("the same, the network alone", bare),
@@ -145,7 +147,7 @@ def _precisions(name: str, found: Precisions) -> list[Figure]:
 
 def _by_size(found: Precisions) -> Iterator[Figure]:
     for (low, high), shares in zip(SIZES_PX, found.by_size, strict=True):
-        mean = float(np.nanmean(shares))
+        mean = mean_known(shares)
         name = f"the network alone, mAP50 of cones {low:g} to {high:g} px high"
         yield Figure(name, "", f"{mean:.3f}", None, {"value": mean})
 

@@ -60,7 +60,7 @@ def detector(
     with progress_bar("rendering"):
         shots = plan.all_lights()
     with progress_bar("unseen renders", len(plan)) as advance:
-        figures += precision_figures(shots, config, advance)
+        figures += precision_figures(shots, config, learned, advance)
     figures.append(speed_figure(shots, config, learned))
     with progress_bar("dusk", len(plan)) as advance:
         figures += dusk_figures(plan.dusk(), config, advance)

@@ -120,10 +120,11 @@ def _print_precisions(model: Path, unseen: list[Sample]) -> None:
 
     from conegraph.cli.progress import progress_bar
     from conegraph.cli.tables import console
+    from conegraph.config import YoloConfig
     from conegraph.training.report import precisions
 
     with progress_bar("looking at unseen renders", len(unseen)) as advance:
-        found = precisions(str(model), unseen, advance)
+        found = precisions(YoloConfig(model=str(model)), unseen, advance)
     console().print(_table(found, Table(title="AP50 on unseen renders")))
 
 

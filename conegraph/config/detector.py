@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, Field, Tag
+from pydantic import AfterValidator, Discriminator, Field, Tag
 
 from conegraph.config.section import NonNegative, Positive, Section
 
@@ -17,6 +17,15 @@ Hsv = Annotated[tuple[Hue, Byte, Byte], Field(strict=False)]
 ConeLabel = Literal["blue", "yellow", "orange", "big_orange", "unknown"]
 EngineName = Literal["auto", "onnxruntime", "opencv"]
 Side = Annotated[int, Field(ge=0, le=4096)]
+
+
+def _both_or_none(size: tuple[int, int]) -> tuple[int, int]:
+    if 0 in size and any(size):
+        raise ValueError("is 0 on one side only")
+    return size
+
+
+Size = Annotated[tuple[Side, Side], Field(strict=False), AfterValidator(_both_or_none)]
 
 
 class HsvConfig(Section):
@@ -122,7 +131,7 @@ class YoloConfig(Section):
     """What the model's classes are, in its order."""
     engine: EngineName = "auto"
     """What runs it; `auto` is onnxruntime where it is installed, else OpenCV."""
-    input_px: Annotated[tuple[Side, Side], Field(strict=False)] = (0, 0)
+    input_px: Size = (0, 0)
     """Width and height of its input, for models that take only one; else zeros."""
     max_side_px: Annotated[int, Field(ge=1, le=4096)] = 1280
     """Larger pictures are made smaller first."""

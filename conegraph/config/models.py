@@ -85,7 +85,7 @@ class AssociationConfig(Section):
     """A match must beat every rival by this much, or nothing is matched."""
     new_margin: NonNegative = 3.0
     """A match must beat "a new cone" by this much in twice the log-likelihood, save
-    with a cone that was seen just now."""
+    with a cone that was seen just now, unless many cones stand in clusters."""
     colour: Literal["soft", "same_role"] = "soft"
     """`soft` lets colour tip the scales, `same_role` forbids other roles (thesis)."""
     colour_weight: NonNegative = 0.5

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from conegraph.errors import FileFormatError
+from conegraph.io.csv_table import read_text
 from conegraph.types import Array, IntArray
 
-MAX_LINES = 5000
+MAX_LINES, MAX_BYTES = 5000, 1_000_000
 
 
 def read_yolo_labels(
@@ -29,10 +30,7 @@ def read_yolo_labels(
     Raises:
         FileFormatError: it cannot be read, or a line is no class, middle and size.
     """
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise FileFormatError(path, f"cannot be read ({error})") from None
+    lines = read_text(path, MAX_BYTES).splitlines()
     if len(lines) > MAX_LINES:
         raise FileFormatError(path, f"holds more than {MAX_LINES} boxes")
     boxes, kinds = [], []
@@ -40,7 +38,8 @@ def read_yolo_labels(
         try:
             kind, *place = line.split()
             u, v, width, height = (float(word) for word in place)
-            if int(kind) < 0 or not np.isfinite([u, v, width, height]).all():
+            sane = np.isfinite([u, v, width, height]).all() and min(width, height) > 0
+            if int(kind) < 0 or not sane:
                 raise ValueError
             kinds.append(classes[int(kind)])
         except (ValueError, IndexError):

@@ -30,7 +30,7 @@ class Crops:
     """The crops of rounds of `STEPS_A_ROUND` batches.
 
     Attributes:
-        seed: makes everything random; a round depends on nothing else.
+        seed: makes everything random; a round depends on its number and what is here.
         batch: crops of a batch.
         side_px: width and height of a crop.
         kept: pictures to cut some of the crops from.

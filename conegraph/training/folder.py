@@ -4,7 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from conegraph.config import YoloConfig
 from conegraph.errors import FileFormatError
+from conegraph.io.csv_table import read_text
 from conegraph.io.picture_file import PICTURE_SUFFIXES, read_color
 from conegraph.io.yolo_labels import read_yolo_labels
 from conegraph.training.collage import CLASSES
@@ -19,7 +25,8 @@ def read_folder(folder: Path) -> list[Sample]:
     A label is a line ``class x y width height``, of the box's middle and in shares of
     the picture. Where the folder holds a ``classes.txt``, its lines name the classes;
     without it they are blue, yellow, orange, big_orange. Pictures lie in the folder
-    or in ``images``, labels beside them or in ``labels``.
+    or in ``images``, labels beside them or in ``labels``. Large pictures are made
+    smaller, as they are before they are looked at: each takes 5 MB at the most.
 
     Raises:
         FileFormatError: there are none, or one cannot be read.
@@ -31,12 +38,22 @@ def read_folder(folder: Path) -> list[Sample]:
     for path in sorted(p for p in places if p.suffix.lower() in PICTURE_SUFFIXES):
         beside = (labels if labels.is_dir() else path.parent) / f"{path.stem}.txt"
         if beside.is_file():
-            picture = read_color(path)
+            picture = _shrunk(read_color(path))
             box, kind = read_yolo_labels(beside, number, picture.shape)
             found.append(Sample(picture, box, kind))
     if not found:
         raise FileFormatError(folder, "holds no picture with a label file of its name")
     return found
+
+
+def _shrunk(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the picture, no larger than the detector takes pictures by default."""
+    rows, columns = picture.shape[:2]
+    share = YoloConfig().max_side_px / max(rows, columns)
+    if share >= 1.0:
+        return picture
+    size = (max(round(columns * share), 1), max(round(rows * share), 1))
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def _numbers(folder: Path) -> list[int]:
@@ -45,7 +62,7 @@ def _numbers(folder: Path) -> list[int]:
     path = folder / NAMES
     if not path.is_file():
         return list(range(len(names)))
-    given = path.read_text(encoding="utf-8").split()
+    given = read_text(path).split()
     wrong = [name for name in given if name not in names]
     if wrong:
         raise FileFormatError(path, f"{wrong[0]!r} is none of {', '.join(names)}")

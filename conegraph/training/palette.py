@@ -36,7 +36,7 @@ VIVID = np.array(
 
 @dataclass(frozen=True, slots=True)
 class Sheets:
-    """Noise that repeats, (K, S, S), from fine to coarse; mean 0, deviation 1."""
+    """Noise (S, S) that repeats, from fine to coarse, of mean 0."""
 
     fine: Floats
     rough: Floats

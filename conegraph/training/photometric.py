@@ -41,7 +41,7 @@ def _developed(picture: Bytes, rng: np.random.Generator) -> Floats:
     lift = rng.uniform(0, 45) if rng.random() < 0.3 else 0.0
     curve = lift + (255 - lift) * level[:, None] ** gamma * gains
     table = np.clip(curve, 0, 255).astype(np.uint8)
-    # Saturation and hue as a small change of basis, before the curve.
+    # Saturation as a small change of basis, before the curve.
     share = np.float32(np.clip(rng.normal(1.0, 0.25), 0.35, 1.6))
     grey = np.array([[0.3, 0.59, 0.11]], np.float32).repeat(3, 0)
     mix = share * np.eye(3, dtype=np.float32) + (1 - share) * grey

@@ -30,20 +30,26 @@ class Precisions:
     @property
     def mean(self) -> float:
         """MAP50: the mean over the classes that are there."""
-        return float(np.nanmean(self.by_class))
+        return mean_known(self.by_class)
+
+
+def mean_known(shares: Sequence[float]) -> float:
+    """Return the mean of the shares that are no nan, nan without any."""
+    known = [share for share in shares if not np.isnan(share)]
+    return float(np.mean(known)) if known else float("nan")
 
 
 def precisions(
-    model: str, samples: Iterable[Sample], done: Callable[[int], None]
+    config: YoloConfig, samples: Iterable[Sample], done: Callable[[int], None]
 ) -> Precisions:
     """Run a network over labelled pictures and return how well it finds their cones.
 
     Args:
-        model: its file; empty for ours.
+        config: the network; its threshold gives way to `LEAST_SCORE`.
         samples: the pictures.
         done: is told how many were looked at.
     """
-    detector = YoloDetector(YoloConfig(model=model, min_score=LEAST_SCORE))
+    detector = YoloDetector(config.model_copy(update={"min_score": LEAST_SCORE}))
     found, real = [], []
     for count, sample in enumerate(samples, 1):
         seen = detector.find(sample.picture)
@@ -69,15 +75,12 @@ def as_boxes(box_px: Array, class_prob: Array, score: Array) -> Boxes:
     """Return what a detector found, whose pixels' middles have whole numbers.
 
     As YOLO's own tools do, every box stands under every class, with its score times
-    the class's probability: of a cone that may be either, both are ranked.
+    the class's probability: of a cone that may be either, both are ranked. Under a
+    class that it cannot be it stands not.
     """
-    prob = class_prob[:, [int(c) for c in CLASSES]]
-    kind = np.arange(len(CLASSES)).repeat(len(box_px))
-    return Boxes(
-        np.tile(box_px + 0.5, (len(CLASSES), 1)),
-        kind,
-        (score[:, None] * prob).T.ravel(),
-    )
+    ranked = score[:, None] * class_prob[:, [int(c) for c in CLASSES]]
+    kind, row = np.nonzero(ranked.T)
+    return Boxes(box_px[row] + 0.5, kind, ranked[row, kind])
 
 
 def true_boxes(sample: Sample) -> Boxes:

@@ -35,7 +35,7 @@ class Sample:
 def crop(sample: Sample, side_px: int, rng: np.random.Generator) -> Sample:
     """Return a square piece at a random place and scale, perhaps mirrored.
 
-    Half of the pieces are around a cone, so that few are empty.
+    Three of five pieces are around a cone, so that few are empty.
     """
     rows, columns = sample.picture.shape[:2]
     zoom = float(np.exp(rng.uniform(np.log(0.55), np.log(1.8))))

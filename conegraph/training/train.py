@@ -27,6 +27,15 @@ LAST_SHARE = 0.01
 MEMORY_STEPS = 500.0
 """Over how many steps the weights are averaged that are kept."""
 MAX_NORM = 10.0
+UNREADABLE = (
+    EOFError,
+    KeyError,
+    RuntimeError,
+    TypeError,
+    ValueError,
+    pickle.UnpicklingError,
+)
+"""What torch raises for files that are no checkpoints."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,8 +71,8 @@ def train(
 ) -> ConeNet:
     """Learn from pictures and return the network with averaged weights.
 
-    The same plan and pictures give the same weights on the same processor, however
-    often it is interrupted.
+    On a processor, not on a GPU, the same plan and pictures give the same weights,
+    however often it is interrupted.
 
     Args:
         plan: how long and how.
@@ -103,7 +112,7 @@ def _started(checkpoint: Path, seed: int, device: str) -> _State:
         state.mean.load_state_dict(saved["mean"])
         optimizer.load_state_dict(saved["optimizer"])
         state.round = saved["round"]
-    except (RuntimeError, KeyError, TypeError, pickle.UnpicklingError) as error:
+    except UNREADABLE as error:
         reason = f"is no checkpoint ({type(error).__name__})"
         raise FileFormatError(checkpoint, reason) from None
     return state
