@@ -79,6 +79,7 @@ class InputGate:
                     _usable(frame.cov_m2, c.min_sigma_m, c.max_sigma_m),
                 ),
                 ("cone: class probabilities unusable", prob_ok),
+                ("cone: score unusable", (frame.evidence >= 0) & (frame.evidence <= 1)),
                 ("cone: too many in one frame", np.arange(len(xy)) < c.max_cones),
             ]
         return frame.subset(self._count(checks, len(xy)))

@@ -99,11 +99,21 @@ class LandmarkBook:
         self._class_log[rows] = logs
         return rows
 
-    def hit(self, row: IntArray, class_prob: Array, driven_m: float) -> None:
-        """Record sightings of the cones in the rows (k,)."""
+    def hit(
+        self,
+        row: IntArray,
+        class_prob: Array,
+        driven_m: float,
+        evidence: Array | float = 1.0,
+    ) -> None:
+        """Record sightings of the cones in the rows (k,).
+
+        One that the detector is not sure of says less of whether there is a cone: it
+        counts with its ``evidence`` (k,), 0 to 1.
+        """
         c = self._config
         np.add.at(self.hits, row, 1)
-        raised = self.log_odds[row] + c.hit_log_odds
+        raised = self.log_odds[row] + evidence * c.hit_log_odds
         self.log_odds[row] = np.minimum(raised, c.max_log_odds)
         self.last_seen_m[row] = driven_m
         logs = self._class_log[row] + _log_likelihood(class_prob)

@@ -312,7 +312,7 @@ class Tracker:
         book_row = map_.row[pairs.slot[row]]
         confirmed = book.published[book_row]
         returned = driven_m - book.last_seen_m[book_row] > RETURN_M
-        book.hit(book_row, frame.class_prob[row], driven_m)
+        book.hit(book_row, frame.class_prob[row], driven_m, frame.evidence[row])
         missed = self._cleaner.missed(map_, frame, pairs)
         watched = self.motion.frames_standing > LONG_LOOK
         trusted = self._recovery.trusted

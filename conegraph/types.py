@@ -96,6 +96,8 @@ class ConeObservations:
         class_prob: (N, 5) probabilities in the order of `ConeClass`.
         truth_id: (N,) id of the true cone, -1 for a false detection; None where
             the source has no truth.
+        score: (N,) how sure the detector is that each is a cone, 0 to 1; None where
+            it does not say.
     """
 
     stamp_s: float
@@ -103,6 +105,7 @@ class ConeObservations:
     cov_m2: Array
     class_prob: Array
     truth_id: IntArray | None = None
+    score: Array | None = None
 
     def __post_init__(self) -> None:
         _shaped(self, "xy_m", self.xy_m, (-1, 2))
@@ -111,19 +114,26 @@ class ConeObservations:
         _shaped(self, "class_prob", self.class_prob, (n, N_CLASSES))
         if self.truth_id is not None:
             _shaped(self, "truth_id", self.truth_id, (n,), np.int64)
+        if self.score is not None:
+            _shaped(self, "score", self.score, (n,))
 
     def __len__(self) -> int:
         return len(self.xy_m)
 
+    @property
+    def evidence(self) -> Array:
+        """(N,) how much each counts as a sighting of a cone, 0 to 1."""
+        return np.ones(len(self)) if self.score is None else self.score
+
     def subset(self, keep: NDArray[np.bool_] | IntArray) -> ConeObservations:
         """Return the rows that ``keep`` (mask or indices) selects."""
-        ids = None if self.truth_id is None else self.truth_id[keep]
         return ConeObservations(
             self.stamp_s,
             self.xy_m[keep],
             self.cov_m2[keep],
             self.class_prob[keep],
-            ids,
+            None if self.truth_id is None else self.truth_id[keep],
+            None if self.score is None else self.score[keep],
         )
 
 

@@ -80,7 +80,9 @@ class RgbdFrontEnd:
         keep = self._kept(places, fits(found.class_prob, sizes, SIZE_GATE_D2))
         prob = with_size(found.class_prob, sizes)
         cov = with_doubt(places.cov_m2, prob, sizes)
-        cones = ConeObservations(frame.stamp_s, places.xy_m, cov, prob)
+        cones = ConeObservations(
+            frame.stamp_s, places.xy_m, cov, prob, score=found.score
+        )
         return Detections(
             cones.subset(keep),
             sizes.box_px[keep],

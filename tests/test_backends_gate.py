@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -112,6 +114,15 @@ def test_class_probabilities_that_cannot_be_used(prob: list[float]) -> None:
         passed(gate, frame(FINE_XY, prob=probs)), FINE_XY[[0, 2]]
     )
     assert gate.rejected == {"cone: class probabilities unusable": 1}
+
+
+def test_scores_that_are_none() -> None:
+    gate = InputGate(CONFIG)
+    scored = replace(frame(FINE_XY), score=np.array([0.4, np.nan, 1.2]))
+    kept = gate.cones(scored)
+    assert kept is not None
+    np.testing.assert_array_equal(kept.evidence, [0.4])
+    assert gate.rejected == {"cone: score unusable": 2}
 
 
 def test_a_flood_of_cones_is_cut_off() -> None:

@@ -68,6 +68,17 @@ def test_one_sure_sighting_names_the_colour(named: ConeClass) -> None:
     np.testing.assert_allclose(book.class_prob[0], weight / weight.sum())
 
 
+@pytest.mark.parametrize(("score", "sightings"), [(1.0, 3), (0.5, 5)])
+def test_weak_detections_make_a_cone_later(score: float, sightings: int) -> None:
+    """Evidence of 3 at 1.5 a sighting, times its score, after the one of its birth."""
+    book = book_of(report(ConeClass.BLUE))
+    seen = 1
+    while not book.published[0]:
+        book.hit(rows(0), report(ConeClass.BLUE), 0.0, np.array([score]))
+        seen += 1
+    assert seen == sightings
+
+
 def test_a_detector_without_colours_leaves_every_cone_unknown() -> None:
     even = np.full((1, 5), 0.2)
     book = book_of(even)

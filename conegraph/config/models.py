@@ -139,7 +139,7 @@ class LandmarkConfig(Section):
     prune: bool = True
     """Delete cones that should have been seen again and were not."""
     hit_log_odds: Positive = 1.5
-    """Evidence for a cone's existence from one match."""
+    """Evidence for a cone's existence from one match, times the detector's score."""
     max_log_odds: Positive = 8.0
     """Cap, so that a removed cone is forgotten within seconds."""
     delete_log_odds: float = -4.0
