@@ -152,6 +152,14 @@ def test_one_stamp_far_ahead_is_left_out_and_a_pause_costs_one_frame() -> None:
     assert gate.rejected == {"frame: stamp leaps ahead": 2}
 
 
+def test_after_a_pause_that_odometry_runs_through_no_frame_is_lost() -> None:
+    gate = InputGate(CONFIG)
+    assert gate.cones(frame(FINE_XY, stamp=1.0)) is not None
+    for stamp in np.arange(1.0, 60.0, 0.5).tolist():
+        assert gate.velocity(velocity(stamp)) is not None
+    assert gate.cones(frame(FINE_XY, stamp=60.0)) is not None
+
+
 def test_wrong_stamps_that_come_one_by_one_confirm_each_other_never() -> None:
     frames, samples = InputGate(CONFIG), InputGate(CONFIG)
     stamps = (1.0, 1e6, 1.1, 1e6 + 1.0, 1.2)

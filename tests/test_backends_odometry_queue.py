@@ -127,3 +127,14 @@ def test_late_samples_are_applied_at_their_own_stamp() -> None:
     assert got is not None
     assert got.dt_s == pytest.approx(0.1)
     assert queue.newest_s == 0.2
+
+
+def test_odometry_that_stops_speaks_no_more_and_a_slow_one_still_does() -> None:
+    for spacing_s, later_s, speaks in ((0.01, 0.06, False), (0.2, 0.4, True)):
+        queue = OdometryQueue(CONFIG)
+        stamps = [spacing_s * k for k in range(40)]
+        for stamp in stamps:
+            queue.push(VelocityObservation(stamp, 5.0, 0.1, 0.01 * np.eye(2)))
+        assert queue.take(0.0, stamps[-1]) is not None
+        start_s = stamps[-1] + later_s
+        assert (queue.peek(start_s, start_s + 0.03) is not None) == speaks
