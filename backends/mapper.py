@@ -271,7 +271,7 @@ class Mapper:
         """Let a new solver hold the base and the window, linearised at values."""
         graph, slot = self._graph(self._base, self.window, values)
         values = restricted(values, graph.keyVector())
-        isam = new_isam()
+        isam = new_isam(careful=self.rebuilt > 0)
         isam.update(graph, values)
         self.isam, self._first = isam, values
         self._slot, self._n_slots = slot, graph.size()
