@@ -16,6 +16,7 @@ from conegraph.backends.pairing_problem import Problem
 from conegraph.backends.pairing_state import PairingState, accept
 from conegraph.backends.sensor_noise import squared_mahalanobis
 from conegraph.config import AssociationConfig
+from conegraph.geometry import distances
 from conegraph.types import Array, IntArray, Mask
 
 CLUSTER_M = 0.8
@@ -57,7 +58,7 @@ def settle_clusters(
 def _beside_matched(problem: Problem, state: PairingState) -> Mask:
     """(m,) observations without candidates, close to one that has been matched."""
     matched = state.column >= 0
-    gap = np.linalg.norm(problem.xy_m[:, None] - problem.xy_m[matched], axis=2)
+    gap = distances(problem.xy_m, problem.xy_m[matched])
     near: Mask = ~matched & (gap.min(axis=1, initial=np.inf) < CLUSTER_M)
     return near & _apart(problem, matched)
 
