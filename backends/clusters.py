@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from conegraph.backends.pairing_problem import Problem, mahalanobis
+from conegraph.backends.pairing_problem import Problem
 from conegraph.backends.pairing_state import PairingState, accept
 from conegraph.backends.sensor_noise import squared_mahalanobis
 from conegraph.config import AssociationConfig
+from conegraph.geometry import distances
 from conegraph.types import Array, IntArray, Mask
 
 CLUSTER_M = 0.8
@@ -57,7 +58,7 @@ def settle_clusters(
 def _beside_matched(problem: Problem, state: PairingState) -> Mask:
     """(m,) observations without candidates, close to one that has been matched."""
     matched = state.column >= 0
-    gap = np.linalg.norm(problem.xy_m[:, None] - problem.xy_m[matched], axis=2)
+    gap = distances(problem.xy_m, problem.xy_m[matched])
     near: Mask = ~matched & (gap.min(axis=1, initial=np.inf) < CLUSTER_M)
     return near & _apart(problem, matched)
 
@@ -76,10 +77,8 @@ def _clusters(
     config: AssociationConfig, problem: Problem, state: PairingState
 ) -> Iterator[_Cluster]:
     """Yield the clusters among the observations and cones not yet paired."""
-    d2, logdet = mahalanobis(problem.xy_m, problem.noise_m2, state.h, state.cov)
-    free = problem.allowed & (state.column < 0)[:, None] & ~state.used
-    free &= d2 <= config.gate_d2
-    weighed = np.where(free, d2 + logdet + problem.cost, np.inf)
+    free = problem.allowed & state.free & (state.pair_d2 <= config.gate_d2)
+    weighed = np.where(free, -state.gain, np.inf)
     free &= weighed <= weighed.min(axis=1, keepdims=True) + config.ambiguity_d2
     highest = np.where(free[..., None], state.h, -np.inf).max(axis=1)
     lowest = np.where(free[..., None], state.h, np.inf).min(axis=1)
@@ -129,9 +128,7 @@ def _settle(
     soft = state.soft.copy()
     soft[row] = score.max() - np.partition(score, -2)[-2] < config.ambiguity_d2
     state = replace(state, soft=soft, spread_m2=spread)
-    d2, logdet = mahalanobis(problem.xy_m, problem.noise_m2, state.h, state.cov)
-    gain = problem.new_cost - d2 - problem.cost - logdet
-    return accept(problem, state, row, column, d2, gain)
+    return accept(problem, state, row, column)
 
 
 def _ways(allowed: Mask, used: tuple[int, ...] = ()) -> Iterator[tuple[int, ...]]:

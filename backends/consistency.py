@@ -39,8 +39,8 @@ class ConsistencyMonitor:
             self._window.append((stamp_s, nis, dof))
         while self._window and self._window[0][0] <= stamp_s - WINDOW_S:
             self._window.popleft()
-        total = sum(entry[1] for entry in self._window)
-        freedom = sum(entry[2] for entry in self._window)
+        total = sum([nis for _, nis, _ in self._window])
+        freedom = sum([dof for _, _, dof in self._window])
         return judge_window(total, freedom, self._ratio)
 
 

@@ -91,7 +91,8 @@ class InputGate:
                 ("cone: score unusable", (frame.evidence >= 0) & (frame.evidence <= 1)),
                 ("cone: too many in one frame", np.arange(len(xy)) < c.max_cones),
             ]
-        return frame.subset(self._count(checks, len(xy)))
+        good = self._count(checks, len(xy))
+        return frame if good.all() else frame.subset(good)
 
     def _count(
         self, checks: list[tuple[str, NDArray[np.bool_]]], n: int

@@ -45,8 +45,7 @@ def pair_jointly(config: AssociationConfig, problem: Problem) -> Pairing:
         kept = (gain >= problem.margin[column[row]]) & (d2 <= config.gate_d2)
         row = row[kept]
     if len(row):
-        d2_alone, _ = mahalanobis(problem.xy_m, problem.noise_m2, state.h, state.cov)
-        state = accept(problem, state, row, column[row], d2_alone, -d2_alone)
+        state = accept(problem, state, row, column[row])
     return conclude(config, problem, settle_clusters(config, problem, state))
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg.blas import dgemm
 from scipy.linalg.lapack import dpotrf, dtrtrs
 
 from conegraph.backends.motion import NV, Prediction
@@ -132,7 +133,7 @@ class LandmarkFilter:
     def predict_cones(self, slot: IntArray) -> PredictedCones:
         """Predict the cones in the given slots with their joint covariance."""
         H, columns, h = self._jacobian(slot)
-        cov = H @ self._P[np.ix_(columns, columns)] @ H.T
+        cov = H @ self._P[columns[:, None], columns] @ H.T
         return PredictedCones(slot, h, cov)
 
     def _jacobian(self, slot: IntArray) -> tuple[Array, IntArray, Array]:
@@ -141,20 +142,15 @@ class LandmarkFilter:
         ``H_p = [-R', [h_y, -h_x]']`` and ``H_l = R'`` (thesis section 4.4.1).
         """
         k = len(slot)
-        first = NV + 2 * slot
-        columns = np.concatenate(
-            [np.arange(3), np.stack([first, first + 1], 1).ravel()]
-        ).astype(np.int64)
-        Rt = rotation(self._x[2]).T
-        h = (self._x[columns[3:]].reshape(-1, 2) - self._x[:2]) @ Rt.T
-        H = np.zeros((k, 2, 3 + 2 * k))
-        H[:, :, :2] = -Rt
-        H[:, 0, 2], H[:, 1, 2] = h[:, 1], -h[:, 0]
-        i = np.arange(k)
-        for a in range(2):
-            for b in range(2):
-                H[i, a, 3 + 2 * i + b] = Rt[a, b]
-        return H.reshape(2 * k, 3 + 2 * k), columns, h
+        columns = np.arange(3 + 2 * k)
+        columns[3:].reshape(k, 2)[:] = NV + 2 * slot[:, None] + np.arange(2)
+        R = rotation(self._x[2])
+        h = (self._x[NV:].reshape(-1, 2)[slot] - self._x[:2]) @ R
+        H = np.zeros((2 * k, 3 + 2 * k))
+        H[0::2, :2], H[1::2, :2] = -R.T
+        H[0::2, 2], H[1::2, 2] = h[:, 1], -h[:, 0]
+        add_blocks(H[:, 3:], R.T)
+        return H, columns, h
 
     def update_cones(
         self,
@@ -188,13 +184,13 @@ class LandmarkFilter:
             R = transport_covariance(cov_m2, xy_m, h, model)
         z = (xy_m - h).ravel()
         PHt = self._P[:, columns] @ H.T
-        W, w = _whitened(_add_blocks(H @ PHt[columns], R), PHt, z)
+        W, w = _whitened(add_blocks(H @ PHt[columns], R), PHt, z)
         seen = Innovation(float(w @ w), len(z))
         surprising = seen.nis > seen.dof + 4.0 * np.sqrt(2.0 * seen.dof)
         if surprising and doubt is not None:
             self.inflate(doubt)
             PHt = self._P[:, columns] @ H.T
-            W, w = _whitened(_add_blocks(H @ PHt[columns], R), PHt, z)
+            W, w = _whitened(add_blocks(H @ PHt[columns], R), PHt, z)
         self._apply(W, w)
         return seen
 
@@ -220,17 +216,19 @@ class LandmarkFilter:
         step more: as the estimate moves by ``d``, ``P <- M P M'`` with
         ``M = I + g e_psi'``, ``g = J d``, J the quarter turn of every position.
         """
-        if not self._invariant:
-            self._P -= W.T @ W
-            return
-        moved = self._x - prior
-        g = np.zeros_like(moved)
-        g[0], g[1] = -moved[1], moved[0]
-        g[NV::2], g[NV + 1 :: 2] = -moved[NV + 1 :: 2], moved[NV::2]
-        heading = self._P[2] - W.T @ W[:, 2]
-        a = heading + 0.5 * heading[2] * g
-        left, right = np.vstack([W, g, a]), np.vstack([-W, a, g])
-        self._P += left.T @ right
+        left, right = W, -W
+        if self._invariant:
+            moved = self._x - prior
+            g = np.zeros_like(moved)
+            g[0], g[1] = -moved[1], moved[0]
+            g[NV::2], g[NV + 1 :: 2] = -moved[NV + 1 :: 2], moved[NV::2]
+            heading = self._P[2] - W.T @ W[:, 2]
+            a = heading + 0.5 * heading[2] * g
+            left, right = np.vstack([left, g, a]), np.vstack([right, a, g])
+        # In place, ``P += left' right``: a matrix to be added would cost as much again.
+        self._P = dgemm(
+            1.0, right, left, 1.0, self._P.T, trans_a=True, overwrite_c=True
+        ).T
 
     def innovation(
         self, slot: IntArray, xy_m: Array, cov_m2: Array, model: SensorModel | None
@@ -248,7 +246,7 @@ class LandmarkFilter:
         R = cov_m2
         if model is not None:
             R = transport_covariance(cov_m2, xy_m, predicted.xy_m, model)
-        Z = _add_blocks(predicted.cov_m2.copy(), R)
+        Z = add_blocks(predicted.cov_m2.copy(), R)
         return (xy_m - predicted.xy_m).ravel(), Z
 
     def update_velocity(self, u_mps: float, r_radps: float, cov: Array) -> None:
@@ -266,7 +264,7 @@ class LandmarkFilter:
         """Correct with a yaw-rate bias that was measured by itself."""
         PHt = self._P[:, 5:6]
         Z = PHt[5:6] + sigma_radps**2
-        self._update(PHt.copy(), Z, np.array([bias_radps]) - self._x[5:6])
+        self._update(PHt, Z, np.array([bias_radps]) - self._x[5:6])
 
     def add_cones(self, xy_m: Array, cov_m2: Array) -> IntArray:
         """Append new cones (k, 2) seen from the car; return their slots (k,).
@@ -285,7 +283,7 @@ class LandmarkFilter:
         P[:n, :n] = self._P
         P[n:, :n] = G @ self._P[:3]
         P[:n, n:] = P[n:, :n].T
-        P[n:, n:] = _add_blocks(
+        P[n:, n:] = add_blocks(
             G @ self._P[:3, :3] @ G.T, np.asarray(Rw @ cov_m2 @ Rw.T)
         )
         self._x = np.concatenate([self._x, (offset + self._x[:2]).ravel()])
@@ -297,14 +295,14 @@ class LandmarkFilter:
         n, k = len(self._x), len(xy_m)
         P = np.zeros((n + 2 * k, n + 2 * k))
         P[:n, :n] = self._P
-        _add_blocks(P[n:, n:], cov_m2)
+        add_blocks(P[n:, n:], cov_m2)
         self._x, self._P = np.concatenate([self._x, xy_m.ravel()]), P
 
     def keep(self, mask: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> None:
         """Drop the cones whose mask (M,) is False; the others close ranks."""
-        rows = np.concatenate([np.ones(NV, bool), np.repeat(mask, 2)])
+        rows = np.concatenate([np.ones(NV, bool), np.repeat(mask, 2)]).nonzero()[0]
         self._x = self._x[rows]
-        self._P = self._P[np.ix_(rows, rows)]
+        self._P = self._P[rows].take(rows, axis=1)
 
     def separation(self, first: IntArray, second: IntArray) -> tuple[Array, Array]:
         """Return difference (k, 2) of cones and its covariances (k, 2, 2)."""
@@ -354,10 +352,9 @@ def _lower_solved(Z: Array, right: Array) -> Array:
     return solved
 
 
-def _add_blocks(matrix: Array, blocks: Array) -> Array:
-    """Add (k, 2, 2) blocks to the diagonal of a (2k, 2k) matrix, in place."""
-    i = 2 * np.arange(len(blocks))
-    for a in range(2):
-        for b in range(2):
-            matrix[i + a, i + b] += blocks[:, a, b]
+def add_blocks(matrix: Array, blocks: Array) -> Array:
+    """Add blocks (k, 2, 2), or k times one, to the diagonal of a (2k, 2k) matrix."""
+    k = len(matrix) // 2
+    i = np.arange(k)
+    matrix.reshape(k, 2, k, 2)[i, :, i] += blocks
     return matrix

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from conegraph.config import LandmarkConfig
+from conegraph.geometry import distances
 from conegraph.types import N_CLASSES, Array, ConeMap, IntArray, Mask
 
 PRIOR = np.array([0.175, 0.175, 0.175, 0.175, 0.3])
@@ -53,9 +54,11 @@ class LandmarkBook:
     @property
     def class_prob(self) -> Array:
         """(M, 5) posterior of the classes."""
-        p = np.exp(self._class_log - self._class_log.max(axis=1, keepdims=True))
-        posterior: Array = p / p.sum(axis=1, keepdims=True)
-        return posterior
+        return _posterior(self._class_log)
+
+    def class_prob_of(self, row: IntArray) -> Array:
+        """(k, 5) posterior of the classes of the cones in the rows (k,)."""
+        return _posterior(self._class_log[row])
 
     @property
     def published(self) -> Mask:
@@ -176,8 +179,8 @@ class LandmarkBook:
 
     def note_together(self, row: IntArray, xy_m: Array, within_m: float) -> None:
         """Remember which near cones were seen in one frame: they are two."""
-        gap = np.linalg.norm(xy_m[:, None] - xy_m, axis=2)
-        i, j = np.nonzero(np.triu(gap < within_m, 1))
+        i, j = np.nonzero(distances(xy_m, xy_m) < within_m)
+        i, j = i[i < j], j[i < j]
         ids = self.id[row]
         for a, b in zip(ids[i].tolist(), ids[j].tolist(), strict=True):
             self._seen_together.add((min(a, b), max(a, b)))
@@ -197,6 +200,13 @@ def class_likelihood(class_prob: Array) -> Array:
     likelihood: Array = class_prob + 0.25 * class_prob[:, N_CLASSES - 1 :]
     likelihood[:, N_CLASSES - 1] = 0.25 * class_prob.sum(axis=1)
     return likelihood
+
+
+def _posterior(class_log: Array) -> Array:
+    """Return probabilities (n, 5) from their logarithms, known up to a constant."""
+    p = np.exp(class_log - class_log.max(axis=1, keepdims=True))
+    posterior: Array = p / p.sum(axis=1, keepdims=True)
+    return posterior
 
 
 def _log_likelihood(class_prob: Array) -> Array:

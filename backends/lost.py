@@ -7,7 +7,9 @@ import numpy as np
 from conegraph.backends.local_map import LocalMap
 from conegraph.backends.map_cleaner import CROWDED_M
 from conegraph.backends.pairing import KNOWN_AREA_M
-from conegraph.types import Array, ConeObservations, IntArray, SensorModel
+from conegraph.backends.pairing_problem import mahalanobis
+from conegraph.geometry import distances
+from conegraph.types import Array, ConeObservations, IntArray, Mask, SensorModel
 
 MEMORY_S = 0.35
 """Time constant over which the share of fitting cones is averaged."""
@@ -88,17 +90,15 @@ def agreement(
     near = shown & (range_m < sensor.max_range_m + KNOWN_AREA_M)
     cones, range_m = cones[near], range_m[near]
     expected = _well_inside(cones, range_m, sensor)
-    error = frame.xy_m[:, None] - cones
-    S = frame.cov_m2 + SLACK_M**2 * np.eye(2)
-    whitened = np.linalg.inv(S)
-    d2 = np.einsum("nki,nij,nkj->nk", error, whitened, error)
+    slack_m2 = SLACK_M**2 * np.eye(2 * len(cones))
+    d2, _ = mahalanobis(frame.xy_m, frame.cov_m2, cones, slack_m2)
     fits = d2 <= FITS_D2
     if whole_map:
         known = np.ones(len(frame), dtype=bool)
     else:
-        gap = np.hypot(error[..., 0], error[..., 1])
+        gap = distances(frame.xy_m, cones)
         known = gap.min(axis=1, initial=np.inf) < KNOWN_AREA_M
-    seen = fits.any(axis=0)
+    seen: Mask = np.asarray(fits.any(axis=0))
     fitting = int((fits.any(axis=1) & known).sum()) + int(seen[expected].sum())
     return fitting, int(known.sum()) + len(expected)
 

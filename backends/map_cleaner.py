@@ -12,7 +12,15 @@ from conegraph.backends.pairing import (
     Pairs,
 )
 from conegraph.config import Config
-from conegraph.types import ConeClass, ConeObservations, IntArray, Mask, SensorModel
+from conegraph.geometry import distances
+from conegraph.types import (
+    Array,
+    ConeClass,
+    ConeObservations,
+    IntArray,
+    Mask,
+    SensorModel,
+)
 
 MERGE_EVERY = 10
 """Frames between searches for cones that were mapped twice."""
@@ -55,25 +63,28 @@ class MapCleaner:
             return none
         if len(pairs.visible) == 0 or not _speaks(pairs):
             return none
+        cones = map_.filter.cones_in_car_frame()
         slot = pairs.visible
-        slot = slot[_in_view(map_, self._sensor, slot, EDGE_SHARE * self._reach_m)]
-        seen = np.isin(slot, pairs.slot)
-        perhaps = _beside_ambiguous(map_, frame, pairs, slot[~seen])
-        self._weigh_places(map_, pairs, slot[~seen], perhaps)
-        missed = slot[~seen][perhaps < 0]
+        reach_m = EDGE_SHARE * self._reach_m
+        slot = slot[_in_view(cones[slot], self._sensor, reach_m)]
+        matched = np.zeros(len(cones), dtype=bool)
+        matched[pairs.slot[pairs.matched]] = True
+        seen = matched[slot]
+        unseen = slot[~seen]
+        perhaps = _beside_ambiguous(cones[unseen], frame, pairs)
+        self._weigh_places(map_, pairs, unseen, perhaps)
+        missed = unseen[perhaps < 0]
         told = np.concatenate([slot[seen], missed])
-        at_edge = self._at_edge(map_, told)
-        shown = np.arange(len(told)) < seen.sum()
-        map_.book.look_at_edge(map_.row[told[at_edge]], shown[at_edge])
+        at_edge = self._at_edge(cones[told])
+        map_.book.look_at_edge(map_.row[told[at_edge]], matched[told[at_edge]])
         return missed
 
     @property
     def _reach_m(self) -> float:
         return min(self._sensor.max_range_m, CROWDED_M)
 
-    def _at_edge(self, map_: LocalMap, slot: IntArray) -> Mask:
-        """(k,) whether cones are farther away than `view_share` of the reach."""
-        xy = map_.filter.cones_in_car_frame()[slot]
+    def _at_edge(self, xy: Array) -> Mask:
+        """(k,) whether cones (k, 2) are beyond `view_share` of the reach, car frame."""
         inner_m = self._config.landmarks.view_share * self._reach_m
         beyond: Mask = np.hypot(xy[:, 0], xy[:, 1]) > inner_m
         return beyond
@@ -93,20 +104,17 @@ class MapCleaner:
 
     def clean(
         self, map_: LocalMap, missed: IntArray, laps: LapCounter
-    ) -> tuple[tuple[int, int], ...]:
+    ) -> tuple[tuple[tuple[int, int], ...], IntArray]:
         """Delete cones that are not there, unite twins, find the start gate.
 
         Returns:
-            Pairs of ids (kept, gone) united.
+            Pairs of ids (kept, gone) united, and the ids deleted.
         """
-        book = map_.book
-        assumed = self._config.landmarks.assumed_detection_probability
-        reported = self._sensor.detection_probability
-        inner = assumed if reported is None else min(assumed, TRUST * reported)
-        row = map_.row[missed]
-        edge = TRUST * book.chance_at_edge(row)
-        book.miss(row, np.where(self._at_edge(map_, missed), edge, inner))
-        map_.remove(np.flatnonzero(book.doomed()[map_.row]).astype(np.int64))
+        if len(missed):
+            self._miss(map_, missed)
+        doomed = np.flatnonzero(map_.book.doomed()[map_.row]).astype(np.int64)
+        deleted = map_.book.id[map_.row[doomed]]
+        map_.remove(doomed)
         self._frames += 1
         merged: tuple[tuple[int, int], ...] = ()
         if self._frames % MERGE_EVERY == 0:
@@ -114,7 +122,17 @@ class MapCleaner:
             if self._config.landmarks.merge_d2 > 0.0 and not known:
                 merged = map_.merge_twins()
             self._locate_gate(map_, laps)
-        return merged
+        return merged, deleted
+
+    def _miss(self, map_: LocalMap, slot: IntArray) -> None:
+        """Count it against cones that a frame should have shown."""
+        book, row = map_.book, map_.row[slot]
+        assumed = self._config.landmarks.assumed_detection_probability
+        reported = self._sensor.detection_probability
+        inner = assumed if reported is None else min(assumed, TRUST * reported)
+        edge = TRUST * book.chance_at_edge(row)
+        at_edge = self._at_edge(map_.filter.cones_in_car_frame()[slot])
+        book.miss(row, np.where(at_edge, edge, inner))
 
     def _locate_gate(self, map_: LocalMap, laps: LapCounter) -> None:
         """Tell the lap counter where the start cones are: the big ones, if any."""
@@ -133,25 +151,19 @@ def _speaks(pairs: Pairs) -> bool:
     return bool(pairs.matched.sum() >= 0.5 * max(1, settled.sum()))
 
 
-def _in_view(
-    map_: LocalMap, sensor: SensorModel, slot: IntArray, reach_m: float
-) -> Mask:
-    """(k,) whether cones lie well inside the sensor's view and reach."""
-    xy = map_.filter.cones_in_car_frame()[slot]
+def _in_view(xy: Array, sensor: SensorModel, reach_m: float) -> Mask:
+    """(k,) whether cones (k, 2) lie well inside the sensor's view and reach."""
     range_m = np.hypot(xy[:, 0], xy[:, 1])
     bearing = np.abs(np.arctan2(xy[:, 1], xy[:, 0]))
     inside: Mask = (range_m < reach_m) & (range_m > sensor.min_range_m + 1.0)
     return inside & (bearing < sensor.half_fov_rad - 0.06)
 
 
-def _beside_ambiguous(
-    map_: LocalMap, frame: ConeObservations, pairs: Pairs, slot: IntArray
-) -> IntArray:
-    """(k,) the ambiguous observation within a metre of each cone, -1 for none."""
+def _beside_ambiguous(xy: Array, frame: ConeObservations, pairs: Pairs) -> IntArray:
+    """(k,) the ambiguous observation within a metre of each cone (k, 2), -1 if none."""
     row = np.flatnonzero(pairs.ambiguous)
     if len(row) == 0:
-        return np.full(len(slot), -1, dtype=np.int64)
-    xy = map_.filter.cones_in_car_frame()[slot]
-    gap = np.linalg.norm(xy[:, None] - frame.xy_m[row], axis=2)
+        return np.full(len(xy), -1, dtype=np.int64)
+    gap = distances(xy, frame.xy_m[row])
     near = gap.min(axis=1) <= BESIDE_M
     return np.where(near, row[gap.argmin(axis=1)], -1).astype(np.int64)

@@ -10,7 +10,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from conegraph.backends.clusters import settle_clusters
-from conegraph.backends.pairing_problem import Pairing, Problem, mahalanobis
+from conegraph.backends.pairing_problem import Pairing, Problem
 from conegraph.backends.pairing_state import PairingState, accept, conclude
 from conegraph.config import AssociationConfig
 from conegraph.types import Array, IntArray, Mask
@@ -30,15 +30,14 @@ def pair_one_to_one(config: AssociationConfig, problem: Problem) -> Pairing:
     common, the car's drift, is not used; `sequential` and `jcbb` use it.
     """
     state = PairingState.start(problem)
-    d2, logdet = mahalanobis(problem.xy_m, problem.noise_m2, state.h, state.cov)
-    gain = problem.new_cost - d2 - problem.cost - logdet
-    possible = problem.allowed & (d2 <= config.gate_d2) & (gain >= problem.margin)
-    cost = np.where(possible, problem.margin - gain, np.inf)
+    possible = problem.allowed & (state.pair_d2 <= config.gate_d2)
+    possible &= state.gain >= problem.margin
+    cost = np.where(possible, problem.margin - state.gain, np.inf)
     column = assign(cost)
     column[~unambiguous(cost, column, config.ambiguity_d2)] = -1
     row = np.flatnonzero(column >= 0)
     if len(row):
-        state = accept(problem, state, row, column[row], d2, gain)
+        state = accept(problem, state, row, column[row])
     return conclude(config, problem, settle_clusters(config, problem, state))
 
 

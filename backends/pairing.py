@@ -21,6 +21,7 @@ from conegraph.backends.pairing_problem import (
 )
 from conegraph.backends.sensor_noise import polar_sigmas
 from conegraph.config import Config
+from conegraph.geometry import distances
 from conegraph.types import (
     CLASS_LABELS,
     Array,
@@ -133,7 +134,7 @@ class FramePairer:
         visible = self._candidates(map_, frame)
         predicted = map_.filter.predict_cones(visible)
         first = self._associate(map_, frame, predicted)
-        gap = np.linalg.norm(frame.xy_m[:, None] - predicted.xy_m, axis=2)
+        gap = distances(frame.xy_m, predicted.xy_m)
         gap[:, first.loose] = np.inf
         known = gap.min(axis=1, initial=np.inf) < KNOWN_AREA_M
         n_known = int(known.sum())
@@ -174,7 +175,7 @@ class FramePairer:
     ) -> Pairing:
         config = self._config.association
         row = map_.row[predicted.slot]
-        mapped = map_.book.class_prob[row]
+        mapped = map_.book.class_prob_of(row)
         cost = np.zeros((len(frame), len(row)))
         allowed = np.ones(cost.shape, dtype=bool)
         if frame.truth_id is not None and self._knows_ids(frame):
@@ -234,7 +235,7 @@ class FramePairer:
             xy_m: (k, 2) where they are predicted.
         """
         margin = np.full(len(row), self._config.association.new_margin)
-        apart = np.linalg.norm(xy_m[:, None] - xy_m, axis=2)
+        apart = distances(xy_m, xy_m)
         np.fill_diagonal(apart, np.inf)
         crowded = apart.min(axis=1, initial=np.inf) < CLUSTER_M
         if crowded.sum() <= CROWDED * len(row):

@@ -96,24 +96,29 @@ def mahalanobis(
         predicted_m: (k, 2) predictions.
         cov_m2: (2k, 2k) joint covariance of these.
     """
-    i = 2 * np.arange(len(predicted_m))
-    a = cov_m2[i, i] + noise_m2[:, None, 0, 0]
-    b = cov_m2[i, i + 1] + noise_m2[:, None, 0, 1]
-    c = cov_m2[i + 1, i + 1] + noise_m2[:, None, 1, 1]
-    e = xy_m[:, None, :] - predicted_m
-    ex, ey = e[..., 0], e[..., 1]
+    xx, xy, yy = _own_covariances(cov_m2)
+    a = xx + noise_m2[:, None, 0, 0]
+    b = xy + noise_m2[:, None, 0, 1]
+    c = yy + noise_m2[:, None, 1, 1]
+    ex = xy_m[:, None, 0] - predicted_m[:, 0]
+    ey = xy_m[:, None, 1] - predicted_m[:, 1]
     det = np.maximum(a * c - b * b, 1e-18)
     return (ex * ex * c - 2.0 * ex * ey * b + ey * ey * a) / det, np.log(det)
 
 
 def largest_sigma(cov: Array) -> Array:
     """(k,) largest sigma of each of k places, from their joint covariance (2k, 2k)."""
-    i = 2 * np.arange(len(cov) // 2)
-    a, b, c = cov[i, i], cov[i, i + 1], cov[i + 1, i + 1]
+    a, b, c = _own_covariances(cov)
     half = 0.5 * (a + c)
     largest = half + np.sqrt(np.maximum(half**2 - (a * c - b * b), 0.0))
     sigma: Array = np.sqrt(np.maximum(largest, 0.0))
     return sigma
+
+
+def _own_covariances(cov: Array) -> tuple[Array, Array, Array]:
+    """Return each place's xx, xy and yy (k,), from their joint covariance (2k, 2k)."""
+    own = cov.diagonal()
+    return own[::2], cov.diagonal(1)[::2], own[1::2]
 
 
 def colour_cost(observed: Array, mapped: Array) -> Array:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from conegraph.backends.landmark_filter import add_blocks
 from conegraph.backends.pairing_problem import (
     ClusterVerdict,
     Pairing,
@@ -27,6 +28,8 @@ class PairingState:
         column: (m,) the cone of each observation, -1 where there is none.
         d2: (m,) squared Mahalanobis distance to it when it was accepted.
         score: sum of ``-2 log`` likelihood ratios of the pairs against new cones.
+        pair_d2: (m, k) squared Mahalanobis distance of each pair to be made.
+        gain: (m, k) what it would add to the score.
         soft: (m,) pairs that may be another cone of the same cluster.
         spread_m2: (m, 2, 2) what this adds to the noise of the observation.
         beside: (m,) observations of a cone not yet mapped, beside mapped ones.
@@ -37,6 +40,8 @@ class PairingState:
     column: IntArray
     d2: Array
     score: float
+    pair_d2: Array
+    gain: Array
     soft: Mask
     spread_m2: Array
     beside: Mask
@@ -45,16 +50,23 @@ class PairingState:
     def start(cls, problem: Problem) -> PairingState:
         """Return the state in which nothing is paired."""
         m = len(problem.xy_m)
+        h, cov = problem.predicted.xy_m, problem.predicted.cov_m2
         return cls(
-            problem.predicted.xy_m,
-            problem.predicted.cov_m2,
+            h,
+            cov,
             np.full(m, -1, dtype=np.int64),
             np.full(m, np.inf),
             0.0,
+            *_weigh(problem, h, cov),
             np.zeros(m, dtype=bool),
             np.zeros((m, 2, 2)),
             np.zeros(m, dtype=bool),
         )
+
+    @property
+    def free(self) -> Mask:
+        """(m, k) pairs of which neither side is taken."""
+        return (self.column < 0)[:, None] & ~self.used
 
     @property
     def used(self) -> Mask:
@@ -69,45 +81,51 @@ def accept(
     state: PairingState,
     row: IntArray,
     col: IntArray,
-    d2: Array,
-    gain: Array,
 ) -> PairingState:
     """Return the state with pairs added and predictions conditioned on them.
 
     ``G = C_:j (C_jj + R)^-1, h += G (y - h_j), C -= G C_j:``.
     """
-    index = np.stack([2 * col, 2 * col + 1], axis=1).ravel()
-    S = state.cov[np.ix_(index, index)]
+    index = (2 * col[:, None] + np.arange(2)).ravel()
+    rows = state.cov[index]
     noise = problem.noise_m2[row] + state.spread_m2[row]
-    i = 2 * np.arange(len(col))
-    for a in range(2):
-        for b in range(2):
-            S[i + a, i + b] += noise[:, a, b]
-    G = np.linalg.solve(S, state.cov[index]).T
+    G = np.linalg.solve(add_blocks(rows[:, index], noise), rows).T
     shift = G @ (problem.xy_m[row] - state.h[col]).ravel()
+    h, cov = state.h + shift.reshape(-1, 2), state.cov - G @ rows
     column, matched_d2 = state.column.copy(), state.d2.copy()
-    column[row], matched_d2[row] = col, d2[row, col]
+    column[row], matched_d2[row] = col, state.pair_d2[row, col]
+    pair_d2, gain = _weigh(problem, h, cov)
     return replace(
         state,
-        h=state.h + shift.reshape(-1, 2),
-        cov=state.cov - G @ state.cov[index],
+        h=h,
+        cov=cov,
         column=column,
         d2=matched_d2,
-        score=state.score + float(gain[row, col].sum()),
+        score=state.score + float(state.gain[row, col].sum()),
+        pair_d2=pair_d2,
+        gain=gain,
     )
+
+
+def _weigh(problem: Problem, h: Array, cov: Array) -> tuple[Array, Array]:
+    """Return d² (m, k) of each pair, and what it is better than a new cone by.
+
+    The gain is ``n - d2 - log|S| - colour``, with n the cost of a new cone.
+    """
+    d2, logdet = mahalanobis(problem.xy_m, problem.noise_m2, h, cov)
+    return d2, problem.new_cost - d2 - problem.cost - logdet
 
 
 def conclude(
     config: AssociationConfig, problem: Problem, state: PairingState
 ) -> Pairing:
     """Return the pairs, and how near the rest is to known cones given the pairs."""
-    d2, logdet = mahalanobis(problem.xy_m, problem.noise_m2, state.h, state.cov)
     loose = largest_sigma(state.cov) > problem.loose_m
-    likely = problem.new_cost - d2 - problem.cost - logdet > config.ambiguity_d2
+    likely = state.gain > config.ambiguity_d2
     silent = state.used | (loose & ~likely)
-    free_d2 = np.where(silent, np.inf, d2).min(axis=1)
+    free_d2 = np.where(silent, np.inf, state.pair_d2).min(axis=1)
     matched = state.column >= 0
-    nearest_d2 = np.where(matched, state.d2, d2.min(axis=1))
+    nearest_d2 = np.where(matched, state.d2, state.pair_d2.min(axis=1))
     return Pairing(
         state.column,
         nearest_d2,

@@ -21,7 +21,7 @@ from conegraph.types import (
 
 
 def polar_sigmas(range_m: Array, model: SensorModel) -> tuple[Array, Array]:
-    """Return the sigmas along and across the ray, in m, at the ranges (N,).
+    """Return the sigmas along and across the ray, in m, at the ranges (any shape).
 
     ``s_along^2 = (c0 + c1 r + c2 r^2)^2 + floor^2``,
     ``s_across^2 = (r s_bearing)^2 + floor^2``.
@@ -43,13 +43,14 @@ def transport_covariance(
     position becomes the model's at the predicted one, while a detector's own
     judgement of a single cone is kept. Shapes (N, 2, 2), (N, 2), (N, 2).
     """
-    before = polar_sigmas(np.hypot(*measured_m.T), model)
-    nearest = np.maximum(np.hypot(*predicted_m.T), model.min_range_m)
-    after = polar_sigmas(nearest, model)
-    new = _axes(predicted_m)
-    new[:, :, 0] *= (after[0] / before[0])[:, None]
-    new[:, :, 1] *= (after[1] / before[1])[:, None]
-    move = new @ _axes(measured_m).transpose(0, 2, 1)
+    xy_m = np.array([measured_m, predicted_m])
+    range_m = np.hypot(xy_m[..., 0], xy_m[..., 1])
+    old, new = _axes(xy_m, range_m)
+    range_m[1] = np.maximum(range_m[1], model.min_range_m)
+    along, across = polar_sigmas(range_m, model)
+    new[:, :, 0] *= (along[1] / along[0])[:, None]
+    new[:, :, 1] *= (across[1] / across[0])[:, None]
+    move = new @ old.transpose(0, 2, 1)
     moved: Array = move @ cov_m2 @ move.transpose(0, 2, 1)
     return moved
 
@@ -71,11 +72,11 @@ def bearing_range_covariance(cov_m2: Array, xy_m: Array) -> Array:
     return cov
 
 
-def _axes(xy_m: Array) -> Array:
-    """Return (N, 2, 2) with the unit vectors along and across the ray as columns."""
-    axes = np.empty((len(xy_m), 2, 2))
-    axes[:, :, 0] = xy_m / np.maximum(np.hypot(*xy_m.T), 1e-9)[:, None]
-    axes[:, 0, 1], axes[:, 1, 1] = -axes[:, 1, 0], axes[:, 0, 0]
+def _axes(xy_m: Array, range_m: Array) -> Array:
+    """Return (..., 2, 2) with the unit vectors along and across the ray as columns."""
+    axes = np.empty((*range_m.shape, 2, 2))
+    axes[..., 0] = xy_m / np.maximum(range_m, 1e-9)[..., None]
+    axes[..., 0, 1], axes[..., 1, 1] = -axes[..., 1, 0], axes[..., 0, 0]
     return axes
 
 
@@ -114,6 +115,8 @@ def with_configured_noise(
     cov = frame.cov_m2
     if config.noise_from == "model":
         cov = model.covariance(frame.xy_m)
+    elif config.scale == 1.0:
+        return frame
     return replace(frame, cov_m2=cov * config.scale**2)
 
 

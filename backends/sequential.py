@@ -9,7 +9,6 @@ from conegraph.backends.pairing_problem import (
     Pairing,
     Problem,
     largest_sigma,
-    mahalanobis,
 )
 from conegraph.backends.pairing_state import PairingState, accept, conclude
 from conegraph.config import AssociationConfig
@@ -54,19 +53,18 @@ def _advance(
     Later rounds double: conditioning on more pairs hardly changes what is left.
     """
     for rounds in range(len(problem.xy_m)):
-        d2, logdet = mahalanobis(problem.xy_m, problem.noise_m2, state.h, state.cov)
-        free = problem.allowed & (state.column < 0)[:, None] & ~state.used
-        weighed = np.where(free, d2 + problem.cost, np.inf)
-        gain = problem.new_cost - d2 - problem.cost - logdet
-        sure = free & (d2 <= config.gate_d2) & (gain >= problem.margin)
+        free = problem.allowed & state.free
+        weighed = np.where(free, state.pair_d2 + problem.cost, np.inf)
+        sure = free & (state.pair_d2 <= config.gate_d2)
+        sure &= state.gain >= problem.margin
         sure &= _beats_rivals(weighed, config.ambiguity_d2)
         row, col = np.nonzero(sure)
         if len(row) == 0:
             break
-        order = np.argsort(-gain[row, col], kind="stable")
+        order = np.argsort(-state.gain[row, col], kind="stable")
         limit = 1 if rounds < 2 else 2 ** (rounds - 1)
         row, col = _one_to_one(row[order], col[order], limit)
-        state = accept(problem, state, row, col, d2, gain)
+        state = accept(problem, state, row, col)
     return state
 
 
@@ -83,20 +81,18 @@ def _recognise(
     `CLUSTER`) and its log-likelihood leads every other's by `ambiguity_d2`.
     """
     enough = CONSTELLATION if vague else CLUSTER
-    d2, logdet = mahalanobis(problem.xy_m, problem.noise_m2, state.h, state.cov)
     loose = largest_sigma(state.cov) > problem.loose_m
-    free = problem.allowed & (state.column < 0)[:, None] & ~state.used
-    free &= (loose == vague) & (d2 <= config.gate_d2)
+    free = problem.allowed & state.free
+    free &= (loose == vague) & (state.pair_d2 <= config.gate_d2)
     if not vague:
         free &= _clustered(free, state.h)[:, None]
     row, col = np.nonzero(free)
     if len(np.unique(row)) < enough:
         return state
-    order = np.argsort(d2[row, col], kind="stable")[:MAX_SEEDS]
-    gain = problem.new_cost - d2 - problem.cost - logdet
+    order = np.argsort(state.pair_d2[row, col], kind="stable")[:MAX_SEEDS]
     tried = []
     for i, j in zip(row[order], col[order], strict=True):
-        seeded = accept(problem, state, np.array([i]), np.array([j]), d2, gain)
+        seeded = accept(problem, state, np.array([i]), np.array([j]))
         tried.append(_advance(config, problem, seeded))
     best = max(tried, key=lambda s: s.score)
     settled = best.column >= 0
@@ -119,17 +115,16 @@ def _clustered(free: Mask, h: Array) -> Mask:
 
 def _beats_rivals(weighed: Array, margin: float) -> Mask:
     """(m, k) whether a pair is better than any other of its row and column."""
-    wins = np.ones(weighed.shape, dtype=bool)
-    with np.errstate(invalid="ignore"):
-        if len(weighed) > 1:
-            two = np.partition(weighed, 1, axis=0)
-            rival = np.where(weighed == two[:1], two[1:2], two[:1])
-            wins &= rival - weighed >= margin
-        if weighed.shape[1] > 1:
-            two = np.partition(weighed, 1, axis=1)
-            rival = np.where(weighed == two[:, :1], two[:, 1:2], two[:, :1])
-            wins &= rival - weighed >= margin
-    return wins
+    return _leads(weighed, margin) & _leads(weighed.T, margin).T
+
+
+def _leads(weighed: Array, margin: float) -> Mask:
+    """(m, k) whether a pair, if possible, is better than any other of its column."""
+    if len(weighed) < 2:
+        return np.ones(weighed.shape, dtype=bool)
+    least, second = np.partition(weighed, 1, axis=0)[:2]
+    leads: Mask = weighed <= np.where(second >= least + margin, least, -np.inf)
+    return leads
 
 
 def _one_to_one(row: IntArray, col: IntArray, limit: int) -> tuple[IntArray, IntArray]:

@@ -338,10 +338,7 @@ class Tracker:
         aside = np.flatnonzero(~sure & doubtful).astype(np.int64)
         noise = self._noise_of(frame, np.where(sure, slot, -1))
         state, speed_cov = map_.filter.vehicle, map_.filter.vehicle_cov[3:5, 3:5]
-        known = book.id
-        merged = self._cleaner.clean(map_, missed, self.laps)
-        lost = np.setdiff1d(known, book.id, assume_unique=True)
-        deleted = set(lost.tolist()) - {gone for _, gone in merged}
+        merged, deleted = self._cleaner.clean(map_, missed, self.laps)
         self.tracked = TrackedFrame(
             frame.stamp_s,
             self.motion.increment,
@@ -355,7 +352,7 @@ class Tracker:
             pairs.vague[sure],
             closure or self._recovery.jumped,
             merged,
-            tuple(sorted(deleted)),
+            tuple(sorted(deleted.tolist())),
             self._recovery.jumped,
             Unclaimed(aside, frame.xy_m[aside], frame.cov_m2[aside]),
         )
@@ -363,7 +360,7 @@ class Tracker:
         d2 = np.where(np.isfinite(pairs.d2), pairs.d2, np.nan)
         return Associations(
             frame.stamp_s,
-            tuple(STATUS[i] for i in status),
+            tuple(STATUS[i] for i in status.tolist()),
             np.where(status == 1, -1, ids),
             d2,
             seen.nis,

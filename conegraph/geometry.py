@@ -68,6 +68,14 @@ def to_child(pose_a_b: Array, xy_a_m: Array) -> Array:
     return (xy_a_m - pose_a_b[:2]) @ rotation(pose_a_b[2])
 
 
+def distances(from_m: Array, to_m: Array) -> Array:
+    """Return the distance (N, K) of each of the points (N, 2) to each of (K, 2)."""
+    gap: Array = np.hypot(
+        from_m[:, None, 0] - to_m[:, 0], from_m[:, None, 1] - to_m[:, 1]
+    )
+    return gap
+
+
 def constant_twist(u_mps: float, r_radps: float, dt_s: float) -> Array:
     """Return the pose increment of a car holding u and r for dt; shape (3,).
 

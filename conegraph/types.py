@@ -68,12 +68,12 @@ def _shaped(
     shape: tuple[int, ...],
     dtype: type[np.generic] = np.float64,
 ) -> None:
-    """Store a read-only array of the given shape (-1 is any) on a frozen value."""
+    """Store a read-only array of a given shape (-1 first is any) on a frozen value."""
     array: NDArray[Any] = np.asarray(value, dtype=dtype).view()
     if array.size == 0 and shape[0] in (-1, 0):
         array = array.reshape(0, *(max(n, 0) for n in shape[1:]))
-    fits = array.ndim == len(shape) and all(
-        want in (-1, got) for want, got in zip(shape, array.shape, strict=True)
+    fits = array.shape == shape or (
+        array.ndim == len(shape) and shape[0] == -1 and array.shape[1:] == shape[1:]
     )
     if not fits:
         wanted = tuple("N" if n == -1 else n for n in shape)
@@ -81,7 +81,7 @@ def _shaped(
         raise ValueError(
             f"{kind}.{name} must have shape {wanted}, but got {array.shape}"
         )
-    array.flags.writeable = False
+    array.setflags(write=False)
     object.__setattr__(owner, name, array)
 
 
