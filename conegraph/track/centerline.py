@@ -1,21 +1,31 @@
-"""The middle of the road: smooth, evenly spaced, with widths."""
+"""The middle of the road: smooth, evenly spaced, with widths.
+
+Points and steps of the plane are complex numbers x + iy here: their length is the
+absolute value, 1j times a step is a quarter turn to its left.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from conegraph.geometry import wrap_angle
 from conegraph.track.model import CenterLine
 from conegraph.types import Array, IntArray
 
+Points = NDArray[np.complex128]
+
 SPACING_M = 0.5
 """Distance between points of the centre line."""
 _CURVE_M = 0.25
-_SMOOTH_M = 0.8
+_SMOOTH = 0.8 / SPACING_M
+"""Sigma of the blur in points, cut off after four of them."""
+_REACH = round(4 * _SMOOTH)
+_WEIGHTS = np.exp(-0.5 * (np.arange(-_REACH, _REACH + 1) / _SMOOTH) ** 2)
+_WEIGHTS /= _WEIGHTS.sum()
 _SHORTEST_M = 1.0
 
 
@@ -46,35 +56,54 @@ def center_line(
     """
     if len(triangles) == 0:
         return CenterLine.empty()
-    sides = [_curve(xy_m[chain], closed) for chain in (left, right)]
-    end = 0.5 * (xy_m[left[-1]] + xy_m[right[-1]])
-    middles = _middles(xy_m, triangles, closed, end)
-    if start_m is not None and not closed:
-        middles = _from(start_m, middles)
+    cone = _points(xy_m)
+    trees = [cKDTree(_xy(_curve(cone[chain], closed))) for chain in (left, right)]
+    middles = 0.5 * (cone[triangles[:, 0]] + cone[triangles[:, 1]])
+    if not closed:
+        middles = np.append(middles, 0.5 * (cone[left[-1]] + cone[right[-1]]))
+        if start_m is not None:
+            middles = _from(complex(*start_m), middles)
     line = _evenly(middles, closed)
-    if len(line) < 3:
-        return CenterLine.empty()
-    trees = [cKDTree(side) for side in sides]
     for _ in range(2):
-        left_m, right_m = _reaches(line, trees, closed, lane_m)
-        across = _normals(line, closed)
-        line = line + 0.5 * (left_m - right_m)[:, None] * across
-        line = _evenly(_calmed(line, closed), closed)
         if len(line) < 3:
             return CenterLine.empty()
-    left_m, right_m = _reaches(line, trees, closed, lane_m)
-    s, heading, bend = _shape(line, closed)
-    return CenterLine(s, line, heading, bend, left_m, right_m)
+        left_m, right_m = _reaches(line, trees, closed, lane_m)
+        line = line + 0.5 * (left_m - right_m) * _normals(line, closed)
+        line = _evenly(_calmed(line, closed), closed)
+    if len(line) < 3:
+        return CenterLine.empty()
+    return _described(line, closed, *_reaches(line, trees, closed, lane_m))
+
+
+def offset_line(chain_m: Array, across_m: float) -> CenterLine:
+    """Return the line beside one open boundary (K, 2), at a distance to its left.
+
+    The other boundary is taken to be as far on the other side.
+    """
+    side = _evenly(_curve(_points(chain_m), closed=False), closed=False)
+    if len(side) < 3:
+        return CenterLine.empty()
+    line = _calmed(side + across_m * _normals(side, closed=False), closed=False)
+    half = np.full(len(line), abs(across_m))
+    return _described(line, False, half, half)
+
+
+def _points(xy: Array) -> Points:
+    return np.asarray(xy[:, 0] + 1j * xy[:, 1])
+
+
+def _xy(points: Points) -> Array:
+    return points.view(np.float64).reshape(-1, 2)
 
 
 def _reaches(
-    line: Array, trees: Sequence[cKDTree], closed: bool, lane_m: float
+    line: Points, trees: Sequence[cKDTree], closed: bool, lane_m: float
 ) -> tuple[Array, Array]:
     """Return the distances to both curves; beyond a curve's end what the lane leaves.
 
     Beyond both ends the line runs on as it does.
     """
-    (left, at_left), (right, at_right) = (tree.query(line) for tree in trees)
+    (left, at_left), (right, at_right) = (tree.query(_xy(line)) for tree in trees)
     if closed:
         return np.asarray(left), np.asarray(right)
     past_left, past_right = (
@@ -89,131 +118,94 @@ def _reaches(
     return np.asarray(new_left), np.asarray(new_right)
 
 
-def _from(start: Array, middles: Array) -> Array:
+def _from(start: complex, middles: Points) -> Points:
     """Return an open line that begins at the start, unless it begins well before."""
-    away = np.hypot(*(middles - start).T)
+    away = np.abs(middles - start)
     at = int(np.argmin(away))
     if at > 1:
         return middles
-    return np.vstack([start, middles[at + (away[at] < 1.0) :]])
+    return np.append(start, middles[at + int(away[at] < 1.0) :])
 
 
-def offset_line(chain_m: Array, across_m: float) -> CenterLine:
-    """Return the line beside one open boundary (K, 2), at a distance to its left.
-
-    The other boundary is taken to be as far on the other side.
-    """
-    side = _evenly(_curve(chain_m, closed=False), closed=False)
-    if len(side) < 3:
-        return CenterLine.empty()
-    line = _calmed(side + across_m * _normals(side, closed=False), closed=False)
-    half = np.full(len(line), abs(across_m))
-    s, heading, bend = _shape(line, closed=False)
-    return CenterLine(s, line, heading, bend, half, half)
-
-
-def _middles(xy: Array, triangles: IntArray, closed: bool, end_m: Array) -> Array:
-    """Return the middles of the gates that the triangles cross, in order."""
-    middle = 0.5 * (xy[triangles[:, 0]] + xy[triangles[:, 1]])
-    if closed:
-        return np.asarray(middle)
-    return np.vstack([middle, end_m])
-
-
-def _curve(points: Array, closed: bool) -> Array:
+def _curve(points: Points, closed: bool) -> Points:
     """Return the Catmull-Rom curve through points, sampled every 0.25 m or so.
 
     Tangents are those of the parabola through three neighbours over chord length.
     """
     if len(points) < 3:
         return _evenly(points, False, _CURVE_M)
-    ring = np.vstack([points[-1:], points, points[:2]]) if closed else points
-    step = np.diff(ring, axis=0)
-    h = np.maximum(np.hypot(*step.T), 1e-6)[:, None]
+    ring = np.concatenate([points[-1:], points, points[:2]]) if closed else points
+    step = ring[1:] - ring[:-1]
+    h = np.maximum(np.abs(step), 1e-6)
     slope = step / h
-    inner = (slope[:-1] * h[1:] + slope[1:] * h[:-1]) / (h[:-1] + h[1:])
+    tangent = (slope[:-1] * h[1:] + slope[1:] * h[:-1]) / (h[:-1] + h[1:])
     if closed:
-        tangent, h, start = inner, h[1:-1], ring[1:-1]
+        ring, step, h = ring[1:-1], step[1:-1], h[1:-1]
     else:
-        ends = (1.5 * slope[0] - 0.5 * inner[0], 1.5 * slope[-1] - 0.5 * inner[-1])
-        tangent, start = np.vstack([ends[0], inner, ends[1]]), ring
-    count = np.ceil(h[:, 0] / _CURVE_M).astype(np.int64)
+        first, last = 1.5 * slope[[0, -1]] - 0.5 * tangent[[0, -1]]
+        tangent = np.concatenate([[first], tangent, [last]])
+    # Each piece is p + m t + b t^2 + a t^3, t from 0 to 1.
+    p, m, n = ring[:-1], tangent[:-1] * h, tangent[1:] * h
+    a, b = m + n - 2.0 * step, 3.0 * step - 2.0 * m - n
+    count = np.ceil(h / _CURVE_M).astype(np.int64)
     piece = np.repeat(np.arange(len(h)), count)
-    rank = np.arange(len(piece)) - np.repeat(np.cumsum(count) - count, count)
-    t = (rank / count[piece])[:, None]
-    p, q = start[piece], start[piece + 1]
-    m, n = tangent[piece] * h[piece], tangent[piece + 1] * h[piece]
-    curve = (
-        (1 + 2 * t) * (1 - t) ** 2 * p
-        + t * (1 - t) ** 2 * m
-        + t**2 * (3 - 2 * t) * q
-        + t**2 * (t - 1) * n
-    )
-    return curve if closed else np.vstack([curve, points[-1:]])
+    rank = np.arange(len(piece)) - (np.cumsum(count) - count)[piece]
+    t = rank / count[piece]
+    curve = ((a[piece] * t + b[piece]) * t + m[piece]) * t + p[piece]
+    return curve if closed else np.append(curve, points[-1])
 
 
-def _evenly(points: Array, closed: bool, spacing_m: float = SPACING_M) -> Array:
+def _evenly(points: Points, closed: bool, spacing_m: float = SPACING_M) -> Points:
     """Return points evenly spaced on the segments between the points."""
-    ring = np.vstack([points, points[:1]]) if closed else points
-    step = np.hypot(*np.diff(ring, axis=0).T)
-    s = np.concatenate([[0.0], np.cumsum(step)])
+    ring = np.append(points, points[0]) if closed else points
+    s = np.append(0.0, np.abs(ring[1:] - ring[:-1]).cumsum())
     if s[-1] < _SHORTEST_M:
         return points[:1]
     count = max(round(s[-1] / spacing_m), 4)
-    grid = np.linspace(0.0, s[-1], count + (not closed), endpoint=not closed)
-    return np.column_stack([np.interp(grid, s, ring[:, k]) for k in (0, 1)])
+    grid = np.arange(count + (not closed)) * (s[-1] / count)
+    return np.asarray(np.interp(grid, s, ring))
 
 
-def _calmed(line: Array, closed: bool) -> Array:
+def _calmed(line: Points, closed: bool) -> Points:
     """Return the line without kinks; blurred twice, so that corners are not cut."""
-    sigma = _SMOOTH_M / SPACING_M
-    return _blur(line, sigma, closed) + _blur(
-        line - _blur(line, sigma, closed), sigma, closed
-    )
+    blurred = _blur(line, closed)
+    return blurred + _blur(line - blurred, closed)
 
 
-def _blur(line: Array, sigma: float, closed: bool) -> Array:
+def _blur(line: Points, closed: bool) -> Points:
+    """Return the line under a Gaussian; an open one goes on as if turned about its ends."""
     if closed:
-        return np.asarray(gaussian_filter1d(line, sigma, axis=0, mode="wrap"))
-    pad = min(int(4 * sigma) + 1, len(line) - 1)
-    longer = np.vstack(
-        [2 * line[0] - line[pad:0:-1], line, 2 * line[-1] - line[-2 : -pad - 2 : -1]]
-    )
-    return np.asarray(gaussian_filter1d(longer, sigma, axis=0))[pad:-pad]
+        longer = line[np.arange(-_REACH, len(line) + _REACH) % len(line)]
+        return np.convolve(longer, _WEIGHTS, mode="valid")
+    pad = min(_REACH, len(line) - 1)
+    before, after = 2 * line[0] - line[pad:0:-1], 2 * line[-1] - line[-2 : -pad - 2 : -1]
+    longer = np.concatenate([before, line, after])
+    if pad < _REACH:
+        longer = np.pad(longer, _REACH - pad, mode="symmetric")
+    return np.convolve(longer, _WEIGHTS, mode="valid")
 
 
-def _steps(line: Array, closed: bool) -> Array:
-    """Return the segments after each point; an open line repeats its last."""
-    if closed:
-        return np.asarray(np.roll(line, -1, axis=0) - line)
-    step = np.diff(line, axis=0)
-    return np.vstack([step, step[-1:]])
+def _steps(line: Points, closed: bool) -> tuple[Points, Points]:
+    """Return the segments before and after each point; an open line goes on straight."""
+    step = line[1:] - line[:-1]
+    joint = line[:1] - line[-1:]
+    first, last = (joint, joint) if closed else (step[:1], step[-1:])
+    return np.concatenate([first, step]), np.concatenate([step, last])
 
 
-def _normals(line: Array, closed: bool) -> Array:
-    """Return unit normals to the left; (K, 2)."""
-    step = _steps(line, closed)
-    before = np.roll(step, 1, axis=0)
-    if not closed:
-        before[0] = step[0]
-    forward = step + before
-    forward /= np.maximum(np.hypot(*forward.T), 1e-9)[:, None]
-    return np.column_stack([-forward[:, 1], forward[:, 0]])
+def _normals(line: Points, closed: bool) -> Points:
+    """Return unit normals to the left; (K,)."""
+    before, after = _steps(line, closed)
+    forward = before + after
+    return np.asarray(1j * forward / np.maximum(np.abs(forward), 1e-9))
 
 
-def _shape(line: Array, closed: bool) -> tuple[Array, Array, Array]:
-    """Return arc length, heading and curvature at each point; (K,) each."""
-    step = _steps(line, closed)
-    length = np.hypot(*step.T)
-    s = np.concatenate([[0.0], np.cumsum(length[:-1])])
-    normal = _normals(line, closed)
-    heading = np.arctan2(-normal[:, 0], normal[:, 1])
-    before = np.roll(step, 1, axis=0)
-    if not closed:
-        before[0] = step[0]
-    turn = np.arctan2(
-        before[:, 0] * step[:, 1] - before[:, 1] * step[:, 0],
-        (before * step).sum(axis=1),
-    )
-    arc = 0.5 * (length + np.roll(length, 1))
-    return s, np.asarray(wrap_angle(heading)), turn / np.maximum(arc, 1e-9)
+def _described(line: Points, closed: bool, left_m: Array, right_m: Array) -> CenterLine:
+    """Return the line with arc length, heading and curvature at each point."""
+    before, after = _steps(line, closed)
+    length = np.abs(after)
+    s = np.append(0.0, np.cumsum(length[:-1]))
+    heading = wrap_angle(np.angle(before + after))
+    arc = np.maximum(0.5 * (np.abs(before) + length), 1e-9)
+    bend = np.angle(before.conj() * after) / arc
+    return CenterLine(s, _xy(line), heading, bend, left_m, right_m)
