@@ -1,22 +1,16 @@
-"""The middle of the road: smooth, evenly spaced, with widths.
-
-Points and steps of the plane are complex numbers x + iy here: their length is the
-absolute value, 1j times a step is a quarter turn to its left.
-"""
+"""The middle of the road: smooth, evenly spaced, with widths."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from conegraph.geometry import wrap_angle
 from conegraph.track.model import CenterLine
+from conegraph.track.plane import Points, coordinates, points, turn
 from conegraph.types import Array, IntArray
-
-Points = NDArray[np.complex128]
 
 SPACING_M = 0.5
 """Distance between points of the centre line."""
@@ -56,8 +50,10 @@ def center_line(
     """
     if len(triangles) == 0:
         return CenterLine.empty()
-    cone = _points(xy_m)
-    trees = [cKDTree(_xy(_curve(cone[chain], closed))) for chain in (left, right)]
+    cone = points(xy_m)
+    trees = [
+        cKDTree(coordinates(_curve(cone[chain], closed))) for chain in (left, right)
+    ]
     middles = 0.5 * (cone[triangles[:, 0]] + cone[triangles[:, 1]])
     if not closed:
         middles = np.append(middles, 0.5 * (cone[left[-1]] + cone[right[-1]]))
@@ -80,20 +76,12 @@ def offset_line(chain_m: Array, across_m: float) -> CenterLine:
 
     The other boundary is taken to be as far on the other side.
     """
-    side = _evenly(_curve(_points(chain_m), closed=False), closed=False)
+    side = _evenly(_curve(points(chain_m), closed=False), closed=False)
     if len(side) < 3:
         return CenterLine.empty()
     line = _calmed(side + across_m * _normals(side, closed=False), closed=False)
     half = np.full(len(line), abs(across_m))
     return _described(line, False, half, half)
-
-
-def _points(xy: Array) -> Points:
-    return np.asarray(xy[:, 0] + 1j * xy[:, 1])
-
-
-def _xy(points: Points) -> Array:
-    return points.view(np.float64).reshape(-1, 2)
 
 
 def _reaches(
@@ -103,7 +91,9 @@ def _reaches(
 
     Beyond both ends the line runs on as it does.
     """
-    (left, at_left), (right, at_right) = (tree.query(_xy(line)) for tree in trees)
+    (left, at_left), (right, at_right) = (
+        tree.query(coordinates(line)) for tree in trees
+    )
     if closed:
         return np.asarray(left), np.asarray(right)
     past_left, past_right = (
@@ -127,14 +117,14 @@ def _from(start: complex, middles: Points) -> Points:
     return np.append(start, middles[at + int(away[at] < 1.0) :])
 
 
-def _curve(points: Points, closed: bool) -> Points:
-    """Return the Catmull-Rom curve through points, sampled every 0.25 m or so.
+def _curve(corner: Points, closed: bool) -> Points:
+    """Return the Catmull-Rom curve through corners, sampled every 0.25 m or so.
 
     Tangents are those of the parabola through three neighbours over chord length.
     """
-    if len(points) < 3:
-        return _evenly(points, False, _CURVE_M)
-    ring = np.concatenate([points[-1:], points, points[:2]]) if closed else points
+    if len(corner) < 3:
+        return _evenly(corner, False, _CURVE_M)
+    ring = np.concatenate([corner[-1:], corner, corner[:2]]) if closed else corner
     step = ring[1:] - ring[:-1]
     h = np.maximum(np.abs(step), 1e-6)
     slope = step / h
@@ -152,15 +142,15 @@ def _curve(points: Points, closed: bool) -> Points:
     rank = np.arange(len(piece)) - (np.cumsum(count) - count)[piece]
     t = rank / count[piece]
     curve = ((a[piece] * t + b[piece]) * t + m[piece]) * t + p[piece]
-    return curve if closed else np.append(curve, points[-1])
+    return curve if closed else np.append(curve, corner[-1])
 
 
-def _evenly(points: Points, closed: bool, spacing_m: float = SPACING_M) -> Points:
-    """Return points evenly spaced on the segments between the points."""
-    ring = np.append(points, points[0]) if closed else points
+def _evenly(corner: Points, closed: bool, spacing_m: float = SPACING_M) -> Points:
+    """Return points evenly spaced on the segments between corners."""
+    ring = np.append(corner, corner[0]) if closed else corner
     s = np.append(0.0, np.abs(ring[1:] - ring[:-1]).cumsum())
     if s[-1] < _SHORTEST_M:
-        return points[:1]
+        return corner[:1]
     count = max(round(s[-1] / spacing_m), 4)
     grid = np.arange(count + (not closed)) * (s[-1] / count)
     return np.asarray(np.interp(grid, s, ring))
@@ -173,12 +163,15 @@ def _calmed(line: Points, closed: bool) -> Points:
 
 
 def _blur(line: Points, closed: bool) -> Points:
-    """Return the line under a Gaussian; an open one goes on as if turned about its ends."""
+    """Return the line under a Gaussian; an open one goes on as it came, turned over."""
     if closed:
         longer = line[np.arange(-_REACH, len(line) + _REACH) % len(line)]
         return np.convolve(longer, _WEIGHTS, mode="valid")
     pad = min(_REACH, len(line) - 1)
-    before, after = 2 * line[0] - line[pad:0:-1], 2 * line[-1] - line[-2 : -pad - 2 : -1]
+    before, after = (
+        2 * line[0] - line[pad:0:-1],
+        2 * line[-1] - line[-2 : -pad - 2 : -1],
+    )
     longer = np.concatenate([before, line, after])
     if pad < _REACH:
         longer = np.pad(longer, _REACH - pad, mode="symmetric")
@@ -186,7 +179,7 @@ def _blur(line: Points, closed: bool) -> Points:
 
 
 def _steps(line: Points, closed: bool) -> tuple[Points, Points]:
-    """Return the segments before and after each point; an open line goes on straight."""
+    """Return the segments before and after each point; at an end there is but one."""
     step = line[1:] - line[:-1]
     joint = line[:1] - line[-1:]
     first, last = (joint, joint) if closed else (step[:1], step[-1:])
@@ -207,5 +200,5 @@ def _described(line: Points, closed: bool, left_m: Array, right_m: Array) -> Cen
     s = np.append(0.0, np.cumsum(length[:-1]))
     heading = wrap_angle(np.angle(before + after))
     arc = np.maximum(0.5 * (np.abs(before) + length), 1e-9)
-    bend = np.angle(before.conj() * after) / arc
-    return CenterLine(s, _xy(line), heading, bend, left_m, right_m)
+    bend = turn(before, after) / arc
+    return CenterLine(s, coordinates(line), heading, bend, left_m, right_m)
