@@ -37,12 +37,12 @@ def choose_anchors(graph: GateGraph, sure: Mask) -> IntArray:
         graph: gates and steps.
         sure: (G,) gates whose cones have the colours of their sides.
     """
-    cone = graph.cone
-    width = np.abs(cone[graph.left] - cone[graph.right])
+    gate = graph.cone[graph.left] - graph.cone[graph.right]
+    width = np.hypot(gate.real, gate.imag)
     off = np.abs(width / graph.lane_m - 1.0)
     fit = sure & (off < _WIDTH_SLACK)
     for end in (graph.left, graph.right):
-        nearest = np.full(len(cone), np.inf)
+        nearest = np.full(len(graph.cone), np.inf)
         np.minimum.at(nearest, end[sure], width[sure])
         fit &= width <= nearest[end]
     entered, left = (np.zeros(len(graph), dtype=np.bool_) for _ in range(2))

@@ -72,12 +72,9 @@ def prepare(cone_map: ConeMap, roles: Roles) -> Cones:
     unused += [Unused(int(i), "stands where another cone does") for i in ids[twins]]
     origin = xy[row].mean(axis=0) if len(row) else np.zeros(2)
     prob = np.nan_to_num(cone_map.class_prob[row])
-    role = np.array(
-        [roles.blue, roles.yellow, roles.orange, roles.big_orange, roles.unknown]
-    )
-    on_left = prob[:, role == "left"].sum(axis=1)
-    on_right = prob[:, role == "right"].sum(axis=1)
-    start = prob[:, role == "start"].sum(axis=1) > 0.5
+    role = (roles.blue, roles.yellow, roles.orange, roles.big_orange, roles.unknown)
+    on_left, on_right = (prob @ [r == side for r in role] for side in ("left", "right"))
+    start = prob @ [r == "start" for r in role] > 0.5
     neither = np.maximum(1.0 - on_left - on_right, 0.0)
     share = np.stack([on_left, on_right]) + 0.5 * neither
     odds = np.log(2 * np.clip(share, 1e-3, 0.5))

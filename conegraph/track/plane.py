@@ -28,9 +28,14 @@ def outer(a: Points, b: Points) -> Array:
     return np.asarray(a.real * b.imag - a.imag * b.real)
 
 
+def inner(a: Points, b: Points) -> Array:
+    """Return a . b, positive where b goes a's way."""
+    return np.asarray(a.real * b.real + a.imag * b.imag)
+
+
 def turn(a: Points, b: Points) -> Array:
     """Return by how many rad b turns left from a."""
-    return np.arctan2(outer(a, b), a.real * b.real + a.imag * b.imag)
+    return np.arctan2(outer(a, b), inner(a, b))
 
 
 def median(values: Array) -> float:

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from conegraph.track.cones import Cones
 from conegraph.track.mend import are_simple
 from conegraph.track.model import Bridge, CenterLine, Relabelled, Track, Unused
+from conegraph.track.plane import median
 from conegraph.track.road import signed_area
 from conegraph.types import Array, ConeClass, ConeMap, IntArray, Mask
 
@@ -48,7 +49,7 @@ def finished(
     folded = not are_simple(xy, left, right, closed)
     folded |= bool((signed_area(xy, triangles) <= 0).any())
     width = line.left_m + line.right_m
-    spread = float(np.std(width) / np.mean(width))
+    spread = float(width.std() / width.mean())
     factors = {
         "boundaries cross": 0.1 if folded else 1.0,
         "few cones": min(1.0, count / _ENOUGH_CONES),
@@ -81,7 +82,7 @@ def finished(
         confidence,
         reason,
         length,
-        float(np.median(width)),
+        median(width),
         unused,
         wrong,
         tuple(bridges),
@@ -153,13 +154,12 @@ def _relabelled(
 def _bridges(
     ids: IntArray, xy: Array, chain: IntArray, closed: bool, side: str
 ) -> list[Bridge]:
-    following = np.roll(chain, -1)
-    if not closed:
-        chain, following = chain[:-1], following[:-1]
+    following = np.append(chain[1:], chain[: int(closed)])
+    chain = chain[: len(following)]
     if len(chain) == 0:
         return []
     gap = np.hypot(*(xy[following] - xy[chain]).T)
-    wide = np.flatnonzero(gap > max(_GAP_RATIO * float(np.median(gap)), _LEAST_GAP_M))
+    wide = np.flatnonzero(gap > max(_GAP_RATIO * median(gap), _LEAST_GAP_M))
     return [
         Bridge(side, int(ids[chain[k]]), int(ids[following[k]]), float(gap[k]))
         for k in wide.tolist()

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from conegraph.track.plane import distinct
 from conegraph.types import Array, IntArray
 
 _NEGATIVE = 1e3
@@ -92,7 +93,7 @@ def _knots(
         end_i, end_j = (i == 0) & (2 * j > last[1]), (j == 0) & (2 * i > last[0])
         i, j = np.where(end_i, last[0], i), np.where(end_j, last[1], j)
     width = int(last[1]) + 1
-    key = np.unique(i[known] * width + j[known])
+    key = distinct(i[known] * width + j[known])
     found = np.stack([key // width, key % width], axis=1)
     found = np.concatenate([[[0, 0]], found, [last]])
     # What falls behind the highest place so far would fold the strip.

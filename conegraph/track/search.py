@@ -125,7 +125,7 @@ def _lap(
     total = away[graph.tail[into]] + graph.cost[into]
     if len(into) == 0 or not np.isfinite(total.min()):
         return None
-    best = int(np.argmin(total))
+    best = int(np.lexsort((away[graph.tail[into]], total))[0])
     gates = trace(before, start, int(graph.tail[into[best]]))
     middle = graph.middle[gates]
     length = float(np.abs(middle - np.roll(middle, 1)).sum())
