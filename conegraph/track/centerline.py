@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from conegraph.geometry import wrap_angle
 from conegraph.track.model import CenterLine
+from conegraph.track.nearest import Nearest
 from conegraph.track.plane import Points, coordinates, points, turn
 from conegraph.types import Array, IntArray
 
@@ -51,8 +51,8 @@ def center_line(
     if len(triangles) == 0:
         return CenterLine.empty()
     cone = points(xy_m)
-    trees = [
-        cKDTree(coordinates(_curve(cone[chain], closed))) for chain in (left, right)
+    curves = [
+        Nearest(coordinates(_curve(cone[chain], closed))) for chain in (left, right)
     ]
     middles = 0.5 * (cone[triangles[:, 0]] + cone[triangles[:, 1]])
     if not closed:
@@ -63,12 +63,12 @@ def center_line(
     for _ in range(2):
         if len(line) < 3:
             return CenterLine.empty()
-        left_m, right_m = _reaches(line, trees, closed, lane_m)
+        left_m, right_m = _reaches(line, curves, closed, lane_m)
         line = line + 0.5 * (left_m - right_m) * _normals(line, closed)
         line = _evenly(_calmed(line, closed), closed)
     if len(line) < 3:
         return CenterLine.empty()
-    return _described(line, closed, *_reaches(line, trees, closed, lane_m))
+    return _described(line, closed, *_reaches(line, curves, closed, lane_m))
 
 
 def offset_line(chain_m: Array, across_m: float) -> CenterLine:
@@ -85,27 +85,27 @@ def offset_line(chain_m: Array, across_m: float) -> CenterLine:
 
 
 def _reaches(
-    line: Points, trees: Sequence[cKDTree], closed: bool, lane_m: float
+    line: Points, curves: Sequence[Nearest], closed: bool, lane_m: float
 ) -> tuple[Array, Array]:
     """Return the distances to both curves; beyond a curve's end what the lane leaves.
 
     Beyond both ends the line runs on as it does.
     """
     (left, at_left), (right, at_right) = (
-        tree.query(coordinates(line)) for tree in trees
+        curve.one(coordinates(line)) for curve in curves
     )
     if closed:
-        return np.asarray(left), np.asarray(right)
+        return left, right
     past_left, past_right = (
-        (at == 0) | (at == tree.n - 1)
-        for at, tree in zip((at_left, at_right), trees, strict=True)
+        (at == 0) | (at == len(curve) - 1)
+        for at, curve in zip((at_left, at_right), curves, strict=True)
     )
     half = 0.5 * lane_m
     by_right = np.maximum(lane_m - right, 0.0)
     by_left = np.maximum(lane_m - left, 0.0)
     new_left = np.where(past_left, np.where(past_right, half, by_right), left)
     new_right = np.where(past_right, np.where(past_left, half, by_left), right)
-    return np.asarray(new_left), np.asarray(new_right)
+    return new_left, new_right
 
 
 def _from(start: complex, middles: Points) -> Points:

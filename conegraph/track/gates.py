@@ -11,9 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import Delaunay, QhullError, cKDTree
+from scipy.spatial import Delaunay, QhullError
 from scipy.spatial.distance import cdist
 
+from conegraph.track.nearest import Nearest
 from conegraph.track.plane import Points, distinct, median, outer, points
 from conegraph.types import Array, IntArray, Mask
 
@@ -134,7 +135,7 @@ def gate_graph(
     cost = _step_costs(cone, (old, new, wait), sign, lane_m, costs)
     rows = np.flatnonzero(np.isfinite(cost))
     corner = np.stack([old[rows], new[rows], wait[rows]])
-    bystanders = _nearest_table(xy_m, _BYSTANDERS)
+    bystanders = Nearest(xy_m).some(xy_m, _BYSTANDERS + 1)[1][:, 1:]
     cost[rows] += costs.inside * _any_inside(cone, corner, bystanders, sign[rows])
     cost += against[side_of, new]
     middle = 0.5 * (cone[gate_l] + cone[gate_r])
@@ -153,15 +154,12 @@ def _gates(
     """
     n = len(xy)
     rows, columns = np.flatnonzero(left), np.flatnonzero(right)
-    k = np.arange(1, min(_GATE_NEIGHBOURS + 1, len(columns)) + 1)
-    away, near = cKDTree(xy[columns]).query(
-        xy[rows], k=k, distance_upper_bound=max(_GATE_LANES * lane_m, 2.0)
-    )
-    row, column = np.nonzero(np.isfinite(away))
+    away, near = Nearest(xy[columns]).some(xy[rows], _GATE_NEIGHBOURS + 1)
+    row, column = np.nonzero(away < max(_GATE_LANES * lane_m, 2.0))
     a, b = neighbours(xy)
     a, b = np.concatenate([a, b]), np.concatenate([b, a])
     fit = left[a] & right[b]
-    near_key = rows[row] * n + columns[np.asarray(near)[row, column]]
+    near_key = rows[row] * n + columns[near[row, column]]
     key = distinct(np.concatenate([near_key, a[fit] * n + b[fit]]))
     a, b = key // n, key % n
     length = np.hypot(*(xy[a] - xy[b]).T)
@@ -182,13 +180,6 @@ def neighbours(xy: Array) -> tuple[IntArray, IntArray]:
     return corner.ravel(), np.roll(corner, 1, axis=1).ravel()
 
 
-def _nearest_table(xy: Array, k: int) -> IntArray:
-    """Return the k nearest others of each cone; (N, k), itself where there is none."""
-    n = len(xy)
-    _, near = cKDTree(xy).query(xy, k=np.arange(2, k + 2))
-    return np.asarray(np.where(near < n, near, np.arange(n)[:, None]))
-
-
 def _followers(xy: Array, side: IntArray, n: int) -> tuple[IntArray, IntArray]:
     """Return who may follow whom on a side, as (N + 1,) offsets and cones.
 
@@ -200,10 +191,9 @@ def _followers(xy: Array, side: IntArray, n: int) -> tuple[IntArray, IntArray]:
     near_by = np.hypot(*(points[a] - points[b]).T) < BRIDGE_M
     pairs = [np.stack([a[near_by], b[near_by]])]
     if m > 1:
-        k = np.arange(2, min(_NEIGHBOURS + 1, m) + 1)
-        away, near = cKDTree(points).query(points, k=k, distance_upper_bound=_STEP_M)
-        row, column = np.nonzero(np.isfinite(away))
-        pairs.append(np.stack([row, np.asarray(near)[row, column]]))
+        away, near = Nearest(points).some(points, _NEIGHBOURS + 1)
+        row, column = np.nonzero(away[:, 1:] < _STEP_M)
+        pairs.append(np.stack([row, near[row, column + 1]]))
     a, b = np.concatenate(pairs, axis=1)
     a, b = np.concatenate([a, b]), np.concatenate([b, a])
     key = distinct(side[a] * n + side[b])

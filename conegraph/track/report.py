@@ -6,11 +6,11 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from conegraph.track.cones import Cones
 from conegraph.track.mend import are_simple
 from conegraph.track.model import Bridge, CenterLine, Relabelled, Track, Unused
+from conegraph.track.nearest import Nearest
 from conegraph.track.plane import median
 from conegraph.track.road import signed_area
 from conegraph.types import Array, ConeClass, ConeMap, IntArray, Mask
@@ -105,10 +105,10 @@ def _unused(
     if len(rows) == 0:
         return cones.unused
     edge = cones.xy_m[np.concatenate([left, right])]
-    away, near = cKDTree(edge).query(cones.xy_m[rows])
+    away, near = Nearest(edge).one(cones.xy_m[rows])
     inside = _inside(cones.xy_m[rows], cones.xy_m, triangles)
     told = []
-    found = zip(rows, np.asarray(away), np.asarray(near), inside, strict=True)
+    found = zip(rows, away, near, inside, strict=True)
     for row, metres, other, within in found:
         side = 0 if other < len(left) else 1
         if within:
