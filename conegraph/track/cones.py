@@ -71,7 +71,8 @@ def prepare(cone_map: ConeMap, roles: Roles) -> Cones:
     row, twins = _without_twins(xy, row, cone_map.observations)
     unused += [Unused(int(i), "stands where another cone does") for i in ids[twins]]
     origin = xy[row].mean(axis=0) if len(row) else np.zeros(2)
-    prob = np.nan_to_num(cone_map.class_prob[row])
+    prob = cone_map.class_prob[row]
+    prob = np.where(np.isfinite(prob), prob, 0.0)
     role = (roles.blue, roles.yellow, roles.orange, roles.big_orange, roles.unknown)
     on_left, on_right = (prob @ [r == side for r in role] for side in ("left", "right"))
     start = prob @ [r == "start" for r in role] > 0.5

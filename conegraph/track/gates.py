@@ -177,7 +177,7 @@ def neighbours(xy: Array) -> tuple[IntArray, IntArray]:
     except QhullError:
         a = np.argsort(xy @ (1.0, 1.0), kind="stable")
         return a[:-1], a[1:]
-    return corner.ravel(), np.roll(corner, 1, axis=1).ravel()
+    return corner.ravel(), corner[:, [2, 0, 1]].ravel()
 
 
 def _followers(xy: Array, side: IntArray, n: int) -> tuple[IntArray, IntArray]:
