@@ -122,15 +122,15 @@ def gate_graph(
     gate_l, gate_r = _gates(xy_m, left, right, lane_m)
     index = np.full((n, n), -1, dtype=np.int64)
     index[gate_l, gate_r] = np.arange(len(gate_l))
-    parts = []
-    for side, stand in enumerate((left, right)):
-        move, stay = (gate_r, gate_l) if side else (gate_l, gate_r)
-        gate, new = _expand(move, *_followers(xy_m, np.flatnonzero(stand), n))
-        wait = stay[gate]
-        head = index[wait, new] if side else index[new, wait]
-        parts.append((gate, head, move[gate], new, wait, np.full(len(gate), side)))
-    steps = np.concatenate(parts, axis=1)
-    tail, head, old, new, wait, side_of = steps[:, steps[1] >= 0]
+    # Each gate may move on either side; a cone on the right counts as cone + N.
+    move, stay = np.append(gate_l, gate_r + n), np.append(gate_r, gate_l)
+    gate, new = _expand(move, *_followers(xy_m, left, right))
+    old, wait, on_right = move[gate] % n, stay[gate], move[gate] >= n
+    head = np.where(on_right, index[wait, new], index[new, wait])
+    there = head >= 0
+    tail, head, old, new, wait, side_of = (
+        x[there] for x in (gate % len(gate_l), head, old, new, wait, 1 * on_right)
+    )
     sign = 1 - 2 * side_of
     cost = _step_costs(cone, (old, new, wait), sign, lane_m, costs)
     rows = np.flatnonzero(np.isfinite(cost))
@@ -180,25 +180,23 @@ def neighbours(xy: Array) -> tuple[IntArray, IntArray]:
     return corner.ravel(), corner[:, [2, 0, 1]].ravel()
 
 
-def _followers(xy: Array, side: IntArray, n: int) -> tuple[IntArray, IntArray]:
-    """Return who may follow whom on a side, as (N + 1,) offsets and cones.
+def _followers(xy: Array, left: Mask, right: Mask) -> tuple[IntArray, IntArray]:
+    """Return who may follow whom, as (2 N + 1,) offsets and cones: left, then right.
 
-    The nearest cones, and across gaps the neighbours in a triangulation of the side.
+    The nearest cones of a side, and across gaps the neighbours in its triangulation.
     """
-    points = xy[side]
-    m = len(points)
-    a, b = neighbours(points)
-    near_by = np.hypot(*(points[a] - points[b]).T) < BRIDGE_M
-    pairs = [np.stack([a[near_by], b[near_by]])]
-    if m > 1:
-        away, near = Nearest(points).some(points, _NEIGHBOURS + 1)
+    n, keys = len(xy), []
+    for offset, side in ((0, np.flatnonzero(left)), (n, np.flatnonzero(right))):
+        own = xy[side]
+        a, b = neighbours(own)
+        near_by = np.hypot(*(own[a] - own[b]).T) < BRIDGE_M
+        away, near = Nearest(own).some(own, _NEIGHBOURS + 1)
         row, column = np.nonzero(away[:, 1:] < _STEP_M)
-        pairs.append(np.stack([row, near[row, column + 1]]))
-    a, b = np.concatenate(pairs, axis=1)
-    a, b = np.concatenate([a, b]), np.concatenate([b, a])
-    key = distinct(side[a] * n + side[b])
-    offsets = np.searchsorted(key, np.arange(n + 1) * n)
-    return offsets, key % n
+        a = side[np.concatenate([a[near_by], row])]
+        b = side[np.concatenate([b[near_by], near[row, column + 1]])]
+        keys += [(a + offset) * n + b, (b + offset) * n + a]
+    key = distinct(np.concatenate(keys))
+    return np.searchsorted(key, np.arange(2 * n + 1) * n), key % n
 
 
 def _expand(

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from shapely import LinearRing, LineString
+import shapely
 
 from conegraph.track.plane import Points, inner, outer, points, turn
 from conegraph.types import Array, IntArray, Mask
@@ -115,13 +115,11 @@ def untangle(
 
 def are_simple(xy_m: Array, left: IntArray, right: IntArray, closed: bool) -> bool:
     """Return whether two boundaries cross neither themselves nor each other."""
-    kind = LinearRing if closed else LineString
     if min(len(left), len(right)) < (3 if closed else 2):
         return not closed
-    lines = [kind(xy_m[chain]) for chain in (left, right)]
-    if not all(line.is_simple for line in lines):
-        return False
-    return not lines[0].intersects(lines[1])
+    shape = shapely.linearrings if closed else shapely.linestrings
+    lines = [shape(xy_m[chain]) for chain in (left, right)]
+    return bool(shapely.is_simple(lines).all() and not shapely.intersects(*lines))
 
 
 def _crossed(xy: Array, left: IntArray, right: IntArray, closed: bool) -> IntArray:
