@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import shapely
+from shapely import LinearRing, LineString
 
 from conegraph.track.plane import Points, inner, outer, points, turn
 from conegraph.types import Array, IntArray, Mask
@@ -115,11 +115,13 @@ def untangle(
 
 def are_simple(xy_m: Array, left: IntArray, right: IntArray, closed: bool) -> bool:
     """Return whether two boundaries cross neither themselves nor each other."""
+    kind = LinearRing if closed else LineString
     if min(len(left), len(right)) < (3 if closed else 2):
         return not closed
-    shape = shapely.linearrings if closed else shapely.linestrings
-    lines = [shape(xy_m[chain]) for chain in (left, right)]
-    return bool(shapely.is_simple(lines).all() and not shapely.intersects(*lines))
+    lines = [kind(xy_m[chain]) for chain in (left, right)]
+    if not all(line.is_simple for line in lines):
+        return False
+    return not lines[0].intersects(lines[1])
 
 
 def _crossed(xy: Array, left: IntArray, right: IntArray, closed: bool) -> IntArray:
@@ -197,8 +199,9 @@ def _put_in(
     p = _padded(xy[chain], closed)
     count = len(chain) if closed else len(chain) - 1
     around = p[np.arange(1, 5)[:, None] + np.arange(count)]
-    cone, slot = np.nonzero(_beside(points(xy[spare]), *around[1:3], costs.reach_m))
-    around = np.vstack([around[:, slot], points(xy[spare[cone]])])
+    free = points(xy[spare])
+    cone, slot = np.nonzero(_beside(free, around[1], around[2], costs.reach_m))
+    around = np.vstack([around[:, slot], free[cone]])
     bend = _bend(around[_TURNS_WITH], costs)
     long = _long(around[_STEPS_WITH], costs)
     now = bend[0] + bend[1] + long[0]

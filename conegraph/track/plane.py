@@ -48,4 +48,4 @@ def distinct(values: IntArray) -> IntArray:
     """Return the values rising, each once; for few of them faster than `np.unique`."""
     rising = np.sort(values)
     fresh = np.append(True, rising[1:] != rising[:-1])
-    return rising[fresh[: len(rising)]]
+    return np.asarray(rising[fresh[: len(rising)]])

@@ -60,7 +60,8 @@ def shortest(
     """
     order = np.lexsort((head, tail))
     first = np.searchsorted(tail[order], np.arange(nodes + 1))
-    matrix = csr_array((cost[order], head[order], first), shape=(nodes, nodes))
+    data = (cost[order], head[order], first)
+    matrix: csr_array = csr_array(data, shape=(nodes, nodes))
     away, before = dijkstra(
         matrix, indices=start, return_predecessors=True, limit=limit
     )
@@ -96,8 +97,10 @@ def find_lane(
         may_close: return the lap through the start instead, where there is one.
     """
     tail, head = (graph.head, graph.tail) if backward else (graph.tail, graph.head)
-    keep = ~crossing(graph, start) & _fresh(graph, start, used)
-    keep |= tail == start
+    first = tail == start
+    if not first.any():
+        return GatePath(np.array([start]), 0.0, 0.0, False)
+    keep = first | ~crossing(graph, start) & _fresh(graph, start, used)
     away, before = shortest(
         tail[keep], head[keep], graph.cost[keep], np.array([start]), len(graph)
     )
@@ -166,7 +169,8 @@ def _followed(
     rad = np.abs(turn(np.where(old == 0, way, old), way))
     sharper = np.maximum(rad - step / _SHARPEST_M - _FREE_TURN_RAD, 0.0)
     fresh = np.where(left[reached] == left[parent], graph.right[reached], left[reached])
-    length, excess, cones = ([0] * len(graph) for _ in range(3))
+    length, excess = ([0.0] * len(graph) for _ in range(2))
+    cones = [0] * len(graph)
     cones[start] = 1 << int(left[start]) | 1 << int(graph.right[start])
     ways = (reached, parent, step, sharper, fresh)
     for gate, u, metres, more, cone in zip(*(w.tolist() for w in ways), strict=True):
@@ -175,7 +179,7 @@ def _followed(
             cones[gate] = cones[u] | 1 << cone
             length[gate] = length[u] + metres
     sound = np.array([c > 0 for c in cones])
-    return np.array(length, dtype=np.float64), np.array(excess, dtype=np.float64), sound
+    return np.array(length), np.array(excess), sound
 
 
 def trace(before: IntArray, start: int, end: int) -> IntArray:
@@ -199,4 +203,4 @@ def crossing(graph: GateGraph, start: int) -> Mask:
     share = ahead[u] / (ahead[u] - ahead[v])
     where = aside[u] * (1.0 - share) + aside[v] * share
     crosses[rows] = np.abs(where) < 0.5 * width + _FENCE_LANES * graph.lane_m
-    return crosses
+    return np.asarray(crosses)
