@@ -102,6 +102,7 @@ FIGURES: tuple[Figure, ...] = (
     Figure(_TIME, "p95", "ms", 2, "low", "latency_ms.frame.p95"),
     Figure(_TIME, "p99", "ms", 2, "low", "latency_ms.frame.p99"),
     Figure(_TIME, "max", "ms", 2, "low", "latency_ms.frame.max"),
+    Figure(_TIME, "finding cones first, p50", "ms", 2, None, "latency_ms.detect.p50"),
     Figure(_COST, "faster than the stream", "x", 1, "high", "cost.real_time_factor"),
     Figure(_COST, "p99, last lap / first", "", 2, "low", "cost.p99_growth"),
     Figure(_COST, "peak memory so far", "MiB", 0, None, "cost.peak_memory_mb"),

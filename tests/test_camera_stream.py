@@ -12,6 +12,7 @@ from conegraph.camera_stream import CameraStream, with_front_end
 from conegraph.cli.app import app
 from conegraph.config import load_config
 from conegraph.frontend.base import Detections
+from conegraph.io.run_folder import read_run
 from conegraph.pipeline import Pipeline
 from conegraph.sim.camera_drive import CameraDrive
 from conegraph.sources import SimOptions, open_stream, render_track, simulate_track
@@ -76,6 +77,29 @@ def test_a_run_writes_how_long_detection_took(
     assert result.summary["frames"] == 6
     assert result.summary["latency_ms"]["detect"]["p50"] > 0.0
     assert result.metrics is not None
+
+
+def test_no_back_end_of_a_comparison_waits_for_the_detector(tmp_path: Path) -> None:
+    """Its own row says what the pictures took, which no run's time contains."""
+    source = "sim:acceleration?sensor=rgbd&rate=0.5&light=bright&seed=4"
+    command = [
+        "compare",
+        source,
+        "--out",
+        str(tmp_path),
+        "--backends",
+        "ekf,ekf/thesis",
+    ]
+    done = CliRunner().invoke(app, command)
+    assert done.exit_code == 0, done.output
+    assert "finding cones first, p50 [ms]" in done.output
+    for name in ("ekf", "ekf-thesis"):
+        run = read_run(tmp_path / name)
+        took_ms = run.timing_ms["detect"].sum()
+        assert len(run.timing_ms["detect"]) == len(run.trajectory) > 3
+        wall_s = run.summary["wall_s"]
+        assert isinstance(wall_s, float)
+        assert 1e3 * wall_s < took_ms
 
 
 def test_rendered_pictures_are_a_source(tmp_path: Path) -> None:
