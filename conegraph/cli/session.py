@@ -121,8 +121,10 @@ def _run_job(name: str, job: Job, source: Source, viewer: Viewer) -> RunResult:
 
 
 def print_comparison(comparison: Comparison) -> None:
-    """Print the table of figures, what is odd about them, and the verdict."""
+    """Print what spoils all figures, their table, what is odd, and the verdict."""
     out = console()
+    for alarm in comparison.alarms:
+        out.print(Text(f"Beware: {alarm}", style="bold"))
     out.print(render_table(comparison))
     for warning in comparison.warnings:
         out.print(Text(f"Note: {warning}"))
