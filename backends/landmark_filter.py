@@ -278,7 +278,7 @@ class LandmarkFilter:
         by_pose[:, 0, 0] = by_pose[:, 1, 1] = 1.0
         by_pose[:, 0, 2], by_pose[:, 1, 2] = -offset[:, 1], offset[:, 0]
         G = by_pose.reshape(2 * k, 3)
-        P = np.zeros((n + 2 * k, n + 2 * k))
+        P = np.empty((n + 2 * k, n + 2 * k))
         P[:n, :n] = self._P
         P[n:, :n] = G @ self._P[:3]
         P[:n, n:] = P[n:, :n].T
