@@ -268,10 +268,16 @@ class Mapper:
         return found
 
     def _start_anew(self, values: gtsam.Values) -> None:
-        """Let a new solver hold the base and the window, linearised at values."""
+        """Let a new solver hold the base and the window, linearised at values.
+
+        Raises:
+            RuntimeError: they have no solution near the values.
+        """
         graph, slot = self._graph(self._base, self.window, values)
         values = restricted(values, graph.keyVector())
-        isam = new_isam()
+        if not np.isfinite(graph.error(values)):
+            raise RuntimeError("a factor is not a number")
+        isam = new_isam(careful=self.rebuilt > 0)
         isam.update(graph, values)
         self.isam, self._first = isam, values
         self._slot, self._n_slots = slot, graph.size()
