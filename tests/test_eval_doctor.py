@@ -12,6 +12,8 @@ from conegraph.eval.doctor import HEALTHY, UNCLEAR, UNEXPLAINED, diagnose
 from conegraph.eval.doctor_case import open_case
 from conegraph.eval.doctor_fit import NAMES
 from conegraph.eval.doctor_tracks import linked
+from conegraph.eval.odometry_gap import odometry_gap
+from conegraph.eval.run_warnings import run_warnings
 from conegraph.geometry import between, to_child, to_parent
 from conegraph.io.run_folder import (
     AssociationRows,
@@ -260,6 +262,63 @@ def test_associations_in_vain_are_counted_unless_the_car_is_lost() -> None:
     assert found[0].measured == 1.0
     lost = replace(run.status, status=np.full(N, "LOST"))
     assert diagnose(replace(run, associations=idle, status=lost)).cause == HEALTHY
+
+
+@pytest.mark.parametrize(
+    ("matched", "greatest_id", "causes"),
+    [
+        ("matched", 47, []),
+        ("matched", 10, ["wrong_map"]),
+        ("rejected", 47, ["wrong_map"]),
+    ],
+)
+def test_a_map_whose_cones_are_not_seen_is_of_another_place(
+    matched: str, greatest_id: int, causes: list[str]
+) -> None:
+    """Its cones come first; those that the run found itself have greater ids."""
+    run = drive()
+    status = replace(run.status, status=np.full(N, "LOST"))
+    made = replace(run.associations, status=np.full(len(run.associations), matched))
+    known = {"cones": greatest_id + 1, "greatest_id": greatest_id}
+    run = replace(run, status=status, associations=made)
+    assert diagnose(run).cause == HEALTHY
+    findings = diagnose(
+        replace(run, summary={**run.summary, "known_map": known})
+    ).findings
+    assert [f.cause for f in findings] == causes
+    if causes:
+        strange = (made.landmark_id > greatest_id) | (made.status != "matched")
+        assert findings[0].measured == pytest.approx(strange.mean())
+
+
+def test_odometry_that_stopped_is_named_with_its_time() -> None:
+    run = drive()
+    silent = run.motion.odometry.copy()
+    silent[101:] = np.nan
+    stopped = replace(run, motion=replace(run.motion, odometry=silent))
+    (found,) = diagnose(stopped).findings
+    assert (found.cause, found.at_s) == ("odometry_stopped", STAMPS[100])
+    assert found.measured == pytest.approx(STAMPS[-1] - STAMPS[100])
+    assert "stopped at 10.0 s, to the end" in found.evidence
+    assert found.evidence in run_warnings(stopped, None, None)
+    back = run.motion.odometry.copy()
+    back[101:115] = np.nan
+    assert odometry_gap(replace(run, motion=replace(run.motion, odometry=back))) is None
+    back[101:131] = np.nan
+    gap = odometry_gap(replace(run, motion=replace(run.motion, odometry=back)))
+    assert gap is not None
+    assert (gap.length_s, gap.to_the_end) == (pytest.approx(3.1), False)
+
+
+def test_a_car_that_stands_needs_no_odometry() -> None:
+    run = drive()
+    silent, pose = run.motion.odometry.copy(), run.trajectory.pose.copy()
+    silent[101:], pose[101:] = np.nan, pose[100]
+    stood = replace(run, trajectory=Trajectory(STAMPS, pose))
+    assert (
+        odometry_gap(replace(stood, motion=replace(run.motion, odometry=silent)))
+        is None
+    )
 
 
 def test_a_cone_with_two_landmarks_is_split() -> None:
