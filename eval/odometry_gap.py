@@ -14,8 +14,8 @@ LONGEST_S = 2.0
 LEAST_FRAMES = 10
 """Frames with odometry, without which there was none that could stop."""
 
-LEAST_WAY_M = 2.0
-"""A car that went less stood, and needed none."""
+LEAST_AWAY_M = 2.0
+"""A car that got no farther stood, and needed none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,14 +24,15 @@ class OdometryGap:
 
     Attributes:
         start_s: stamp of the last frame that had odometry.
-        length_s: how long there was none.
-        way_m: how far the car went meanwhile by the estimate.
+        length_s: from then to the last frame that had none.
+        away_m: how far the car got meanwhile by the estimate, as the crow flies:
+            one that stands seems to go a long way in small steps.
         to_the_end: whether odometry never came back.
     """
 
     start_s: float
     length_s: float
-    way_m: float
+    away_m: float
     to_the_end: bool
 
     @property
@@ -39,8 +40,8 @@ class OdometryGap:
         """What happened, and when."""
         end = "to the end" if self.to_the_end else f"for {self.length_s:.1f} s"
         return (
-            f"odometry stopped at {self.start_s:.1f} s, {end}: the car went on for "
-            f"{self.way_m:.0f} m without it"
+            f"odometry stopped at {self.start_s:.1f} s, {end}: the car got "
+            f"{self.away_m:.0f} m away without it"
         )
 
 
@@ -56,15 +57,15 @@ def odometry_gap(run: RunFolder) -> OdometryGap | None:
     if len(told) < LEAST_FRAMES:
         return None
     since = told[LEAST_FRAMES - 1 :]
-    until = np.append(since[1:], n - 1)
+    until = np.append(since[1:], n) - 1
     k = int((stamp_s[until] - stamp_s[since]).argmax())
     first, last = int(since[k]), int(until[k])
     path = run.trajectory.pose[first : last + 1, :2]
     gap = OdometryGap(
         start_s=float(stamp_s[first]),
         length_s=float(stamp_s[last] - stamp_s[first]),
-        way_m=float(np.hypot(*np.diff(path, axis=0).T).sum()),
-        to_the_end=last > told[-1],
+        away_m=float(np.hypot(*(path - path[0]).T).max()),
+        to_the_end=first == told[-1],
     )
-    silent = gap.length_s > LONGEST_S and gap.way_m > LEAST_WAY_M
+    silent = gap.length_s > LONGEST_S and gap.away_m > LEAST_AWAY_M
     return gap if silent else None

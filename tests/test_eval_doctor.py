@@ -307,18 +307,24 @@ def test_odometry_that_stopped_is_named_with_its_time() -> None:
     back[101:131] = np.nan
     gap = odometry_gap(replace(run, motion=replace(run.motion, odometry=back)))
     assert gap is not None
-    assert (gap.length_s, gap.to_the_end) == (pytest.approx(3.1), False)
+    assert (gap.length_s, gap.to_the_end) == (pytest.approx(3.0), False)
 
 
 def test_a_car_that_stands_needs_no_odometry() -> None:
     run = drive()
     silent, pose = run.motion.odometry.copy(), run.trajectory.pose.copy()
     silent[101:], pose[101:] = np.nan, pose[100]
-    stood = replace(run, trajectory=Trajectory(STAMPS, pose))
-    assert (
-        odometry_gap(replace(stood, motion=replace(run.motion, odometry=silent)))
-        is None
-    )
+    motion = replace(run.motion, odometry=silent)
+    assert odometry_gap(replace(run, motion=motion)) is not None
+    stood = replace(run, motion=motion, trajectory=Trajectory(STAMPS, pose))
+    assert odometry_gap(stood) is None
+
+
+def test_a_time_without_frames_is_none_without_odometry() -> None:
+    run = drive()
+    later = STAMPS + 20.0 * (np.arange(N) > 100)
+    run = replace(run, motion=replace(run.motion, stamp_s=later))
+    assert odometry_gap(run) is None
 
 
 def test_a_cone_with_two_landmarks_is_split() -> None:
