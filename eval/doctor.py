@@ -20,6 +20,9 @@ HEALTHY, UNEXPLAINED, UNCLEAR = "healthy", "unexplained", "cannot_tell"
 BAD_MAP_M, BAD_SHARE = 0.2, 0.9
 """Error of a map, and precision or recall, that call for an explanation."""
 
+SLIGHT, MANYFOLD = 1.2, 2.0
+"""Times its limit up to which a figure barely exceeds it, and from which on far."""
+
 
 @dataclass(frozen=True, slots=True)
 class Finding(Record):
@@ -93,8 +96,7 @@ def diagnose(run: RunFolder, truth: Trajectory | None = None) -> Diagnosis:
         return Diagnosis((), (), unclear="; ".join(spoilt))
     case = open_case(run, truth)
     seen = [(cause, cause.examine(case)) for cause in CAUSES]
-    wrong = [(c, e) for c, e in seen if e is not None and e.measured > e.limit]
-    wrong.sort(key=lambda found: (found[0].level, -found[1].measured / found[1].limit))
+    wrong = _ranked([(c, e) for c, e in seen if e is not None and e.score > 1.0])
     findings = tuple(
         _finding(cause, evidence, follows=cause.level > wrong[0][0].level)
         for cause, evidence in wrong
@@ -111,6 +113,22 @@ def diagnose(run: RunFolder, truth: Trajectory | None = None) -> Diagnosis:
     return Diagnosis(findings, tuple(notes), _harm(run), "; ".join(alarms(run)))
 
 
+def _ranked(wrong: list[tuple[Cause, Evidence]]) -> list[tuple[Cause, Evidence]]:
+    """Sort by level, then by how far beyond its limit each is, in terms of the limit.
+
+    What barely exceeds its limit does not explain what exceeds its own manyfold, and
+    comes after all else.
+    """
+    worst = max((evidence.score for _, evidence in wrong), default=0.0)
+
+    def rank(found: tuple[Cause, Evidence]) -> tuple[bool, int, float]:
+        cause, evidence = found
+        slight = evidence.score < SLIGHT and worst > MANYFOLD
+        return slight, cause.level, -evidence.score
+
+    return sorted(wrong, key=rank)
+
+
 def _finding(cause: Cause, evidence: Evidence, *, follows: bool) -> Finding:
     return Finding(
         cause=cause.name,
@@ -121,7 +139,7 @@ def _finding(cause: Cause, evidence: Evidence, *, follows: bool) -> Finding:
         unit=evidence.unit,
         measured=evidence.measured,
         limit=evidence.limit,
-        score=evidence.measured / evidence.limit,
+        score=evidence.score,
         at_s=evidence.at_s,
         advice=cause.advice,
     )

@@ -2,7 +2,8 @@
 
 Causes come in levels. What is wrong with a sensor shows in all that follows from it,
 so that it explains the rest: a bent map has twins, its loops do not close, and its
-filter believes too much. Of a level, what exceeds its limit most comes first.
+filter believes too much. Of a level, what exceeds its limit most comes first. What
+barely exceeds its limit comes last of all beside what is far beyond its own.
 """
 
 from __future__ import annotations

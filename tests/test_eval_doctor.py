@@ -414,6 +414,20 @@ def test_a_map_without_colours_is_said_after_all_else() -> None:
     )
 
 
+def test_what_barely_exceeds_its_limit_explains_nothing_that_is_far_beyond() -> None:
+    """Sensors come before loops, unless there is next to nothing wrong with them."""
+
+    def said(doubt_m: float, noise: float) -> list[str]:
+        run = drive(noise=noise)
+        cov = np.tile(0.5 * doubt_m**2 * np.eye(3), (N, 1, 1))
+        run = replace(run, pose_cov=PoseCovariances(STAMPS, cov))
+        return [f.cause for f in diagnose(run).findings]
+
+    assert said(3.0, 1.7) == ["drift", "sensor_noise"]
+    assert said(1.5, 1.7) == ["sensor_noise", "drift"]
+    assert said(3.0, 2.5) == ["sensor_noise", "drift"]
+
+
 def test_what_comes_of_a_cause_follows_from_it() -> None:
     run = replace(drive(bias=0.1), summary={"frames": N})
     found = {f.cause: f.follows for f in diagnose(run).findings}
