@@ -20,7 +20,7 @@ from conegraph.errors import ConegraphError
 from conegraph.eval import RunMetrics, Truth, compare, evaluate
 from conegraph.eval.report import render_table, write_report
 from conegraph.io.run_folder import AssociationRows, RunFolder, StatusRows
-from conegraph.types import ConeMap, Trajectory, TruthMap
+from conegraph.types import Array, ConeMap, Trajectory, TruthMap
 
 N = 40
 
@@ -121,6 +121,39 @@ def test_missing_cones_are_said_before_a_small_error() -> None:
     assert verdict.startswith(
         "half misses the most cones (recall: half 0.500, full 1.000). half's map is"
     )
+
+
+def with_extra(run: RunFolder, xy_m: Array) -> RunFolder:
+    """The run with more cones of its first one's looks."""
+    m, n = run.cone_map, len(xy_m)
+    return replace(
+        run,
+        cone_map=ConeMap(
+            np.arange(len(m) + n),
+            np.vstack([m.xy_m, xy_m]),
+            np.concatenate([m.cov_m2, m.cov_m2[:1].repeat(n, axis=0)]),
+            np.concatenate([m.class_prob, m.class_prob[:1].repeat(n, axis=0)]),
+            np.concatenate([m.observations, m.observations[:1].repeat(n)]),
+        ),
+    )
+
+
+def test_a_cone_twice_is_no_cone_that_is_not_there() -> None:
+    truth, run = truth_and_run()
+    n = 1 + N // 10
+    twice = with_extra(run, run.cone_map.xy_m[:n] + 0.3)
+    verdict = compare(judged(truth, once=run, twice=twice)).verdict
+    assert verdict.startswith(
+        f"twice has the most cones twice (duplicates: twice {n} of {N + n}, once 0 of "
+        f"{N})."
+    )
+    assert "not there" not in verdict
+    false = with_extra(run, np.tile([[900.0, 900.0]], (n, 1)) + 9.0 * np.eye(n, 2))
+    verdict = compare(judged(truth, once=run, false=false)).verdict
+    assert verdict.startswith(
+        f"false has the most cones that are not there (false cones: false {n} of "
+    )
+    assert "twice" not in verdict
 
 
 def test_a_run_without_a_map_is_named() -> None:
