@@ -52,6 +52,4 @@ def status_warnings(run: RunFolder, unplaced: int) -> list[str]:
     lost = int((run.status.status == Status.LOST.value).sum())
     if lost:
         warnings.append(f"the car was LOST in {lost} of {frames} frames")
-    if frames and (run.status.status == Status.INIT.value).all():
-        warnings.append(f"the status was INIT to the end: {run.status.reason[-1]}")
     return warnings

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from conegraph.eval.doctor import HEALTHY, UNEXPLAINED, diagnose
+from conegraph.eval.doctor import HEALTHY, UNCLEAR, UNEXPLAINED, diagnose
 from conegraph.eval.doctor_case import open_case
 from conegraph.eval.doctor_fit import NAMES
 from conegraph.eval.doctor_tracks import linked
@@ -269,6 +269,33 @@ def test_a_cone_with_two_landmarks_is_split() -> None:
     assert diagnose(replace(run, associations=split)).cause == "split_cones"
 
 
+def test_a_run_whose_input_was_left_out_is_not_called_healthy() -> None:
+    run = drive()
+    lost = {"frame: stamp leaps ahead": N, "cone: too far": 3, "odometry: late": 9 * N}
+    diagnosis = diagnose(replace(run, summary={**run.summary, "rejected": lost}))
+    assert diagnosis.cause == HEALTHY
+    lost["frame: stamp leaps ahead"] = N + 1
+    diagnosis = diagnose(replace(run, summary={**run.summary, "rejected": lost}))
+    assert (diagnosis.cause, diagnosis.findings) == (UNCLEAR, ())
+    assert diagnosis.unclear.startswith(f"{N + 1} of {2 * N + 1} frames were left out")
+    assert "milliseconds" in diagnosis.unclear
+
+
+def test_frames_that_are_too_slow_for_any_sensor_are_of_another_unit() -> None:
+    run = drive()
+    slow = Trajectory(1e3 * STAMPS, run.trajectory.pose)
+    assert "frames are 100 s apart" in diagnose(replace(run, trajectory=slow)).unclear
+
+
+def test_a_run_that_never_knew_its_place_is_not_called_healthy() -> None:
+    run = drive()
+    why = N * ("no place leads clearly",)
+    status = replace(run.status, status=np.full(N, "INIT"), reason=why)
+    diagnosis = diagnose(replace(run, status=status))
+    assert diagnosis.cause == UNCLEAR
+    assert diagnosis.unclear == "the status was INIT to the end: no place leads clearly"
+
+
 def test_without_odometry_it_says_what_it_cannot_see() -> None:
     run = drive(scale=0.05)
     none = np.full((N, 3), np.nan)
@@ -336,7 +363,8 @@ def test_a_run_of_an_older_version_or_without_frames_is_looked_at() -> None:
     assert diagnose(old).cause == HEALTHY
     assert "kept no observations" in diagnose(old).notes[0]
     none = replace(run, trajectory=Trajectory(np.zeros(0), np.zeros((0, 3))))
-    assert "no path" in diagnose(none).notes[0]
+    assert diagnose(none).cause == UNCLEAR
+    assert "no path" in diagnose(none).unclear
 
 
 def test_estimates_of_later_stamps_than_their_frames_do_no_harm() -> None:

@@ -221,6 +221,18 @@ def test_warnings_name_the_run_unless_they_concern_all() -> None:
     assert warnings[1].startswith("isam2: the run did not finish")
 
 
+def test_what_spoils_all_figures_is_said_first() -> None:
+    truth, run = truth_and_run()
+    frames = len(run.trajectory)
+    lost = {"rejected": {"frame: stamp does not increase": 9 * frames}}
+    spoilt = replace(run, summary={**run.summary, **lost})
+    comparison = compare(judged(truth, ekf=run, isam2=spoilt))
+    start = f"isam2: {9 * frames} of {10 * frames} frames were left out"
+    assert comparison.alarms[0].startswith(start)
+    assert comparison.verdict.startswith(start)
+    assert compare(judged(truth, ekf=run)).alarms == ()
+
+
 def test_the_table_has_a_column_a_run_and_units() -> None:
     truth, run = truth_and_run()
     metrics = judged(truth, ekf=off_by(run, 0.2, 0.1), isam2=off_by(run, 0.1, 0.1))

@@ -19,7 +19,7 @@ from conegraph.pipeline import Pipeline, RunResult
 from conegraph.sim.camera_drive import CameraDrive
 from conegraph.sim.render_pool import free_cores
 from conegraph.sources import open_stream
-from conegraph.types import ConeMap, Source
+from conegraph.types import ConeMap, ConeObservations, Source
 from conegraph.viewer import Viewer, open_viewer, watch_camera
 
 RECORDING = "run.rrd"
@@ -74,10 +74,26 @@ def run_jobs(
             source.watcher = watch_camera(viewers, period_s=period_s)
         for viewer in viewers.values():
             closing.callback(viewer.close)
+        if len(jobs) > 1 and isinstance(source, CameraStream):
+            _look_first(source)
         return {
             name: _run_job(name, job, source, viewers[name])
             for name, job in jobs.items()
         }
+
+
+def _look_first(source: CameraStream) -> None:
+    """Find the cones in all pictures before any back end is timed.
+
+    Pictures are rendered or read beside the program that takes them: the frames of
+    the back end that came first would be charged with it. A live camera has no end.
+    """
+    if source.n_frames is None:
+        return
+    with progress_bar("looking for cones", source.n_frames) as advance:
+        cones = (e for e in source.events() if isinstance(e, ConeObservations))
+        for done, _ in enumerate(cones, 1):
+            advance(done)
 
 
 def _run_job(name: str, job: Job, source: Source, viewer: Viewer) -> RunResult:
@@ -105,8 +121,10 @@ def _run_job(name: str, job: Job, source: Source, viewer: Viewer) -> RunResult:
 
 
 def print_comparison(comparison: Comparison) -> None:
-    """Print the table of figures, what is odd about them, and the verdict."""
+    """Print what spoils all figures, their table, what is odd, and the verdict."""
     out = console()
+    for alarm in comparison.alarms:
+        out.print(Text(f"Beware: {alarm}", style="bold"))
     out.print(render_table(comparison))
     for warning in comparison.warnings:
         out.print(Text(f"Note: {warning}"))
