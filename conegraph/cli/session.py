@@ -36,7 +36,12 @@ class Job:
 
 
 def run_jobs(
-    jobs: Mapping[str, Job], out: Path, *, view: bool, save_rrd: bool
+    jobs: Mapping[str, Job],
+    out: Path,
+    *,
+    view: bool,
+    save_rrd: bool,
+    detector: str | None = None,
 ) -> dict[str, RunResult]:
     """Send one stream through every job in turn; the source is read once.
 
@@ -45,6 +50,7 @@ def run_jobs(
         out: the folder of the whole, for the recording.
         view: whether to show the runs live.
         save_rrd: whether to write the recording.
+        detector: the one that was asked for, if any: a source may have no pictures.
 
     Raises:
         ConegraphError: the source cannot be read, or a folder not be written.
@@ -55,6 +61,12 @@ def run_jobs(
     if isinstance(stream, CameraDrive):
         stream = replace(stream, workers=free_cores())
     source = with_front_end(stream, config)
+    if detector is not None and not isinstance(source, CameraStream):
+        print(
+            f"conegraph: --detector {detector} is not used: {config.source} has cones, "
+            "and no pictures",
+            file=sys.stderr,
+        )
     out.mkdir(parents=True, exist_ok=True)
     recording = out / RECORDING
     # One of an earlier run would not be of this one.
