@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from conegraph.backends.landmark_filter import add_blocks, components
 from conegraph.backends.pairing_problem import Problem
 from conegraph.backends.pairing_state import PairingState, accept
 from conegraph.backends.sensor_noise import squared_mahalanobis
@@ -60,7 +61,7 @@ def _beside_matched(problem: Problem, state: PairingState) -> Mask:
     matched = state.column >= 0
     gap = distances(problem.xy_m, problem.xy_m[matched])
     near: Mask = ~matched & (gap.min(axis=1, initial=np.inf) < CLUSTER_M)
-    return near & _apart(problem, matched)
+    return near & _apart(problem, matched) if near.any() else near
 
 
 def _apart(problem: Problem, others: Mask) -> Mask:
@@ -150,10 +151,8 @@ def _score(
     row, column = cluster.row[way >= 0], cluster.column[way[way >= 0]]
     if len(row) == 0:
         return 0.0
-    index = np.stack([2 * column, 2 * column + 1], axis=1).ravel()
-    S = state.cov[np.ix_(index, index)]
-    for i in range(len(row)):
-        S[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] += problem.noise_m2[row[i]]
+    index = components(column)
+    S = add_blocks(state.cov[index[:, None], index], problem.noise_m2[row])
     z = (problem.xy_m[row] - state.h[column]).ravel()
     d2 = float(z @ np.linalg.solve(S, z)) + float(np.linalg.slogdet(S)[1])
     return len(row) * problem.new_cost - d2 - float(problem.cost[row, column].sum())

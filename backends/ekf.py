@@ -16,6 +16,8 @@ class EkfBackend(Tracker):
     `add_cones` off it only localises (section 4.5).
     """
 
+    has_mapper = False
+
     def finish(self) -> Trajectory | None:
         """Nothing is left to settle: a filter has no smoothed path."""
         self.last_events = FrameEvents()

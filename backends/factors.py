@@ -24,8 +24,11 @@ ORIGIN_SIGMAS = np.array([1e-3, 1e-3, 1e-4])
 KNOWN_MAP_SIGMAS = np.array([0.5, 0.5, 0.1])
 """On a given map the car starts near its origin, but not exactly there."""
 
-NON_HOLONOMIC_SIGMAS = np.array([20.0, 0.05, 20.0])
-"""A car does not move sideways; about u and r the prior says nothing."""
+UNKNOWN_SPEED = 20.0
+"""Sigma in m/s and rad/s of a speed of which nothing is said."""
+
+LEAST_SLIP_MPS = 0.005
+"""Sideways speed of a car that stands: an exact zero would be too stiff."""
 
 SIDEWAYS_DENSITY = 0.05
 """Power spectral density of the sideways acceleration, m^2/s^3."""
@@ -68,8 +71,8 @@ def known_cone_prior(cone: int, xy_m: Array, cov_m2: Array) -> gtsam.NonlinearFa
 def velocity_prior(k: int, velocity: Array, sigmas: Array) -> gtsam.NonlinearFactor:
     """Hold the body velocity ``v_k`` (u, 0, r) near a measured one (2,)."""
     mean = np.array([velocity[0], 0.0, velocity[1]])
-    noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([sigmas[0], 0.05, sigmas[1]]))
-    return gtsam.PriorFactorVector(V(k), mean, noise)
+    sigma = np.array([sigmas[0], LEAST_SLIP_MPS, sigmas[1]])
+    return gtsam.PriorFactorVector(V(k), mean, gtsam.noiseModel.Diagonal.Sigmas(sigma))
 
 
 def start_velocity_prior(
@@ -82,7 +85,7 @@ def start_velocity_prior(
 
 
 def free_motion(
-    k: int, before_s: float, now_s: float, motion: MotionConfig
+    k: int, before_s: float, now_s: float, speed_mps: float, motion: MotionConfig
 ) -> list[gtsam.NonlinearFactor]:
     """Join ``x_{k-1}, v_{k-1}`` and ``x_k, v_k`` by white noise on acceleration.
 
@@ -92,7 +95,15 @@ def free_motion(
     The variance of a step's place is ``density dt^3 / 3``, and at least `SHORT_STEP`:
     two frames a microsecond apart would leave the solver a singular system. A step is
     taken for no longer than `LONGEST_DOUBT_S`: the doubt is then as wide as the track,
-    and one of an hour leaves a singular system too.
+    and one of an hour leaves a singular system too. Sideways the wheels walk by the
+    configured slip: in a step by ``slip sqrt(|u| dt)``, a velocity of that over dt.
+
+    Args:
+        k: the later frame.
+        before_s: stamp of the earlier.
+        now_s: stamp of the later.
+        speed_mps: about the car's forward speed.
+        motion: how the car moves.
     """
     dt = min(now_s - before_s, LONGEST_DOUBT_S)
     density = np.array(
@@ -105,7 +116,10 @@ def free_motion(
     density = np.maximum(density, 3.0 * SHORT_STEP / dt**3)
     before = gtsam.StateData(X(k - 1), V(k - 1), now_s - dt)
     now = gtsam.StateData(X(k), V(k), now_s)
-    straight = gtsam.noiseModel.Diagonal.Sigmas(NON_HOLONOMIC_SIGMAS)
+    sideways = motion.slip_sigma_m_per_sqrt_m * np.sqrt(abs(speed_mps) / dt)
+    straight = gtsam.noiseModel.Diagonal.Sigmas(
+        np.array([UNKNOWN_SPEED, max(sideways, LEAST_SLIP_MPS), UNKNOWN_SPEED])
+    )
     return [
         gtsam.WnoaMotionFactorPose2(before, now, density),
         gtsam.PriorFactorVector(V(k), np.zeros(3), straight),

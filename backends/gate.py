@@ -91,8 +91,9 @@ class InputGate:
                 ("cone: score unusable", (frame.evidence >= 0) & (frame.evidence <= 1)),
                 ("cone: too many in one frame", np.arange(len(xy)) < c.max_cones),
             ]
-        good = self._count(checks, len(xy))
-        return frame if good.all() else frame.subset(good)
+        if all(passed.all() for _, passed in checks):
+            return frame
+        return frame.subset(self._count(checks, len(xy)))
 
     def _count(
         self, checks: list[tuple[str, NDArray[np.bool_]]], n: int

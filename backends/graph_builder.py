@@ -91,8 +91,9 @@ class GraphBuilder:
         if entry.starts_moving:
             speed = before.frame.state[3:5]
             factors.append(start_velocity_prior(k - 1, speed, self._motion))
+        speed_mps = float(frame.state[3])
         return factors + free_motion(
-            k, before.frame.stamp_s, frame.stamp_s, self._motion
+            k, before.frame.stamp_s, frame.stamp_s, speed_mps, self._motion
         )
 
     def cones(self, entry: Entry) -> Factors:

@@ -142,8 +142,7 @@ class LandmarkFilter:
         ``H_p = [-R', [h_y, -h_x]']`` and ``H_l = R'`` (thesis section 4.4.1).
         """
         k = len(slot)
-        columns = np.arange(3 + 2 * k)
-        columns[3:].reshape(k, 2)[:] = NV + 2 * slot[:, None] + np.arange(2)
+        columns = np.concatenate([np.arange(3), NV + components(slot)])
         R = rotation(self._x[2])
         h = (self._x[NV:].reshape(-1, 2)[slot] - self._x[:2]) @ R
         H = np.zeros((2 * k, 3 + 2 * k))
@@ -279,7 +278,7 @@ class LandmarkFilter:
         by_pose[:, 0, 0] = by_pose[:, 1, 1] = 1.0
         by_pose[:, 0, 2], by_pose[:, 1, 2] = -offset[:, 1], offset[:, 0]
         G = by_pose.reshape(2 * k, 3)
-        P = np.zeros((n + 2 * k, n + 2 * k))
+        P = np.empty((n + 2 * k, n + 2 * k))
         P[:n, :n] = self._P
         P[n:, :n] = G @ self._P[:3]
         P[:n, n:] = P[n:, :n].T
@@ -300,9 +299,9 @@ class LandmarkFilter:
 
     def keep(self, mask: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> None:
         """Drop the cones whose mask (M,) is False; the others close ranks."""
-        rows = np.concatenate([np.ones(NV, bool), np.repeat(mask, 2)]).nonzero()[0]
+        rows = np.concatenate([np.ones(NV, bool), np.repeat(mask, 2)])
         self._x = self._x[rows]
-        self._P = self._P[rows].take(rows, axis=1)
+        self._P = self._P[rows[:, None] & rows].reshape(len(self._x), -1)
 
     def separation(self, first: IntArray, second: IntArray) -> tuple[Array, Array]:
         """Return difference (k, 2) of cones and its covariances (k, 2, 2)."""
@@ -350,6 +349,11 @@ def _lower_solved(Z: Array, right: Array) -> Array:
         raise np.linalg.LinAlgError("the innovation's covariance is not positive")
     solved: Array = dtrtrs(root, right, lower=True)[0]
     return solved
+
+
+def components(place: IntArray) -> IntArray:
+    """Return where x and y (2k,) of places (k,) stand in a vector of positions."""
+    return (2 * place[:, None] + np.arange(2)).ravel()
 
 
 def add_blocks(matrix: Array, blocks: Array) -> Array:

@@ -161,8 +161,8 @@ class LocalMap:
         near = cKDTree(xy).query_pairs(TWIN_M, output_type="ndarray")
         i, j = near[np.lexsort((near[:, 1], near[:, 0]))].T
         apart = [
-            not self.book.seen_together(int(self.row[a]), int(self.row[b]))
-            for a, b in zip(i, j, strict=True)
+            not self.book.seen_together(a, b)
+            for a, b in zip(self.row[i].tolist(), self.row[j].tolist(), strict=True)
         ]
         i, j = i[apart].astype(np.int64), j[apart].astype(np.int64)
         if len(i) == 0:

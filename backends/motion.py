@@ -99,8 +99,8 @@ def predict_midpoint(state: Array, dt_s: float, config: MotionConfig) -> Predict
     g_a = np.array([c * half, s * half, 0.0, doubt_s, 0.0, 0.0])
     turn = u * doubt_s**3 / 6.0
     g_alpha = np.array([-s * turn, c * turn, half, 0.0, doubt_s, 0.0])
-    Q = np.outer(g_a, g_a) * config.accel_sigma_mps2**2
-    Q += np.outer(g_alpha, g_alpha) * config.yaw_accel_sigma_radps2**2
+    Q = g_a[:, None] * g_a * config.accel_sigma_mps2**2
+    Q += g_alpha[:, None] * g_alpha * config.yaw_accel_sigma_radps2**2
     slip = config.slip_sigma_m_per_sqrt_m**2 * abs(u) * doubt_s
     Q[:2, :2] += slip * np.array([[s * s, -s * c], [-s * c, c * c]])
     return Prediction(new, F, Q)

@@ -133,7 +133,8 @@ class FramePairer:
             self._seen += (len(frame) - self._seen) / MEMORY
         visible = self._candidates(map_, frame)
         predicted = map_.filter.predict_cones(visible)
-        first = self._associate(map_, frame, predicted)
+        limit = self._loose_limit(predicted.xy_m)
+        first = self._associate(map_, frame, predicted, limit)
         gap = distances(frame.xy_m, predicted.xy_m)
         gap[:, first.loose] = np.inf
         known = gap.min(axis=1, initial=np.inf) < KNOWN_AREA_M
@@ -144,7 +145,8 @@ class FramePairer:
         if checked and enough and hits < FEW_MATCHES * n_known:
             doubt = RESCUE * 2.0 ** min(self._failures, MAX_DOUBLINGS) * noise
             map_.filter.inflate(doubt)
-            again = self._associate(map_, frame, map_.filter.predict_cones(visible))
+            doubtful = map_.filter.predict_cones(visible)
+            again = self._associate(map_, frame, doubtful, limit)
             better = int((again.matched & known).sum())
             if better > hits + 1:
                 first, hits = again, better
@@ -153,7 +155,7 @@ class FramePairer:
         if enough:
             failed = hits < 0.5 * n_known
             self._failures = self._failures + 1 if failed else 0
-        pairs = self._decide(first, predicted, n_known, hits)
+        pairs = self._decide(first, predicted, limit, n_known, hits)
         if frame.truth_id is not None and self._knows_ids(frame):
             unseen = ~np.isin(frame.truth_id, map_.book.truth_id)
             return replace(pairs, birth=unseen & (frame.truth_id >= 0))
@@ -171,7 +173,11 @@ class FramePairer:
         return method == "known" and frame.truth_id is not None
 
     def _associate(
-        self, map_: LocalMap, frame: ConeObservations, predicted: PredictedCones
+        self,
+        map_: LocalMap,
+        frame: ConeObservations,
+        predicted: PredictedCones,
+        loose_m: Array,
     ) -> Pairing:
         config = self._config.association
         row = map_.row[predicted.slot]
@@ -193,7 +199,7 @@ class FramePairer:
                 predicted,
                 cost,
                 allowed,
-                self._loose_limit(predicted.xy_m),
+                loose_m,
                 self._new_cost(),
                 self._margin(map_.book, row, predicted.xy_m),
             ),
@@ -235,9 +241,8 @@ class FramePairer:
             xy_m: (k, 2) where they are predicted.
         """
         margin = np.full(len(row), self._config.association.new_margin)
-        apart = distances(xy_m, xy_m)
-        np.fill_diagonal(apart, np.inf)
-        crowded = apart.min(axis=1, initial=np.inf) < CLUSTER_M
+        # Each is near itself.
+        crowded = (distances(xy_m, xy_m) < CLUSTER_M).sum(axis=1) > 1
         if crowded.sum() <= CROWDED * len(row):
             newest_m = book.last_seen_m.max(initial=0.0)
             margin[book.last_seen_m[row] >= newest_m - LATELY_M] = 0.0
@@ -251,6 +256,7 @@ class FramePairer:
         self,
         pairing: Pairing,
         predicted: PredictedCones,
+        loose_m: Array,
         n_known: int,
         hits: int,
     ) -> Pairs:
@@ -264,8 +270,7 @@ class FramePairer:
         slot = pairing.column.copy()
         vague = np.zeros(len(slot), dtype=bool)
         if len(visible):
-            limit = self._loose_limit(predicted.xy_m)
-            loose = largest_sigma(predicted.cov_m2) > limit
+            loose = largest_sigma(predicted.cov_m2) > loose_m
             slot = np.where(pairing.matched, visible[pairing.column], -1)
             vague = pairing.matched & loose[pairing.column]
         free = ~pairing.matched

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from conegraph.backends.landmark_filter import add_blocks
+from conegraph.backends.landmark_filter import add_blocks, components
 from conegraph.backends.pairing_problem import (
     ClusterVerdict,
     Pairing,
@@ -86,7 +86,7 @@ def accept(
 
     ``G = C_:j (C_jj + R)^-1, h += G (y - h_j), C -= G C_j:``.
     """
-    index = (2 * col[:, None] + np.arange(2)).ravel()
+    index = components(col)
     rows = state.cov[index]
     noise = problem.noise_m2[row] + state.spread_m2[row]
     G = np.linalg.solve(add_blocks(rows[:, index], noise), rows).T

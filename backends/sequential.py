@@ -54,6 +54,8 @@ def _advance(
     """
     for rounds in range(len(problem.xy_m)):
         free = problem.allowed & state.free
+        if not free.any():
+            break
         weighed = np.where(free, state.pair_d2 + problem.cost, np.inf)
         sure = free & (state.pair_d2 <= config.gate_d2)
         sure &= state.gain >= problem.margin

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -76,7 +78,13 @@ SURPRISE = 8.0
 
 
 class Tracker:
-    """Car, nearby cones and everything that decides what belongs to what."""
+    """Car, nearby cones and everything that decides what belongs to what.
+
+    Attributes:
+        has_mapper: whether each frame is described for one, in `tracked`.
+    """
+
+    has_mapper: ClassVar[bool] = True
 
     def __init__(
         self,
@@ -306,7 +314,7 @@ class Tracker:
         seen: Innovation,
         closure: bool,
     ) -> Associations:
-        """Record sightings, births, misses and twins; describe the frame."""
+        """Record sightings, births, misses and twins; return what became of each."""
         map_, book, driven_m = self.map, self.map.book, self.laps.driven_m
         row = np.flatnonzero(pairs.matched & ~pairs.cluster.soft)
         book_row = map_.row[pairs.slot[row]]
@@ -320,7 +328,8 @@ class Tracker:
         born = np.flatnonzero(pairs.birth & adds)
         self._pairer.note_appearances(len(born), int(returned.sum()))
         slot = pairs.slot.copy()
-        slot[born] = map_.add(frame.subset(born), driven_m)
+        if len(born):
+            slot[born] = map_.add(frame.subset(born), driven_m)
         has_id = slot >= 0
         beside = has_id & (pairs.matched | pairs.cluster.beside)
         book.note_together(map_.row[slot[beside]], frame.xy_m[beside], TOGETHER_M)
@@ -331,31 +340,13 @@ class Tracker:
         status[row] = 2
         status[row[confirmed]] = 3
         status[born] = 4
-        # A pair that may be wrong corrects the filter; the graph would keep it.
-        sure = has_id & ~pairs.cluster.soft & trusted
-        # Doubt deserves a second look; a lost car's pose and given ids leave none.
-        doubtful = trusted and self._config.association.method != "known"
-        aside = np.flatnonzero(~sure & doubtful).astype(np.int64)
-        noise = self._noise_of(frame, np.where(sure, slot, -1))
-        state, speed_cov = map_.filter.vehicle, map_.filter.vehicle_cov[3:5, 3:5]
+        tracked = None
+        if self.has_mapper:
+            tracked = self._describe(frame, pairs, slot, ids, closure)
         merged, deleted = self._cleaner.clean(map_, missed, self.laps)
-        self.tracked = TrackedFrame(
-            frame.stamp_s,
-            self.motion.increment,
-            state,
-            speed_cov,
-            ids[sure],
-            np.flatnonzero(sure).astype(np.int64),
-            frame.xy_m[sure],
-            noise + pairs.cluster.spread_m2[sure],
-            frame.cov_m2[sure] + pairs.cluster.spread_m2[sure],
-            pairs.vague[sure],
-            closure or self._recovery.jumped,
-            merged,
-            tuple(sorted(deleted.tolist())),
-            self._recovery.jumped,
-            Unclaimed(aside, frame.xy_m[aside], frame.cov_m2[aside]),
-        )
+        if tracked is not None:
+            gone = tuple(sorted(deleted.tolist()))
+            self.tracked = replace(tracked, merged=merged, deleted=gone)
         self.last_frame, self.last_ids = frame, ids
         d2 = np.where(np.isfinite(pairs.d2), pairs.d2, np.nan)
         return Associations(
@@ -367,11 +358,38 @@ class Tracker:
             seen.dof,
         )
 
-    def _noise_of(self, frame: ConeObservations, slot: IntArray) -> Array:
-        """Sensor noise (k, 2, 2) of the rows with a cone, where it is predicted."""
-        rows = slot >= 0
-        cov = frame.cov_m2[rows]
-        if self._config.sensor.noise_at == "measured":
-            return cov
-        predicted = self.map.filter.cones_in_car_frame()[slot[rows]]
-        return transport_covariance(cov, frame.xy_m[rows], predicted, self.sensor)
+    def _describe(
+        self,
+        frame: ConeObservations,
+        pairs: Pairs,
+        slot: IntArray,
+        ids: IntArray,
+        closure: bool,
+    ) -> TrackedFrame:
+        """Return what a mapper is told of a frame, save what is then cleaned away."""
+        trusted, filter_ = self._recovery.trusted, self.map.filter
+        # A pair that may be wrong corrects the filter; the graph would keep it.
+        sure = (slot >= 0) & ~pairs.cluster.soft & trusted
+        # Doubt deserves a second look; a lost car's pose and given ids leave none.
+        doubtful = trusted and self._config.association.method != "known"
+        aside = np.flatnonzero(~sure & doubtful).astype(np.int64)
+        reported, spread = frame.cov_m2[sure], pairs.cluster.spread_m2[sure]
+        noise, model = reported, self._noise_model()
+        if model is not None:
+            there = filter_.cones_in_car_frame()[slot[sure]]
+            noise = transport_covariance(reported, frame.xy_m[sure], there, model)
+        return TrackedFrame(
+            frame.stamp_s,
+            self.motion.increment,
+            filter_.vehicle,
+            filter_.vehicle_cov[3:5, 3:5],
+            ids[sure],
+            np.flatnonzero(sure).astype(np.int64),
+            frame.xy_m[sure],
+            noise + spread,
+            reported + spread,
+            pairs.vague[sure],
+            closure or self._recovery.jumped,
+            jump=self._recovery.jumped,
+            unclaimed=Unclaimed(aside, frame.xy_m[aside], frame.cov_m2[aside]),
+        )

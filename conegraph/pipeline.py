@@ -166,6 +166,7 @@ class Pipeline:
         self.source = with_front_end(stream, config)
         self.config = config = for_source(config, self.source)
         self._viewer = viewer or NullViewer()
+        self._known_map = known_map
         self.backend: Backend = make_backend(
             config.backend,
             config,
@@ -202,6 +203,7 @@ class Pipeline:
                 if progress is not None:
                     progress(log.frames)
             smoothed, cone_map = self.backend.finish(), self.backend.cone_map()
+            log.closures += self.backend.last_events.closures
             self._viewer.finish(cone_map, smoothed)
             summary = self._summary(log, time.perf_counter() - began)
             if files is not None:
@@ -272,6 +274,7 @@ class Pipeline:
                 for c in log.closures
             ],
             "rejected": dict(sorted(rejected.items())),
+            "known_map": _described(self._known_map),
             "consistency": log.consistency.summary(),
             "latency_ms": {k: _percentiles(v) for k, v in log.stage_ms.items()},
             "wall_s": wall_s,
@@ -317,6 +320,13 @@ def for_source(config: Config, source: Source) -> Config:
     if source.ids_are_given and "method" not in association.model_fields_set:
         association = association.model_copy(update={"method": "known"})
     return config.model_copy(update={"motion": motion, "association": association})
+
+
+def _described(known: ConeMap | None) -> dict[str, int] | None:
+    """Return what tells the cones of a given map from those that the run found."""
+    if known is None:
+        return None
+    return {"cones": len(known), "greatest_id": int(known.id.max(initial=-1))}
 
 
 def _percentiles(ms: list[float]) -> dict[str, float]:

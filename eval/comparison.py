@@ -102,6 +102,7 @@ FIGURES: tuple[Figure, ...] = (
     Figure(_TIME, "p95", "ms", 2, "low", "latency_ms.frame.p95"),
     Figure(_TIME, "p99", "ms", 2, "low", "latency_ms.frame.p99"),
     Figure(_TIME, "max", "ms", 2, "low", "latency_ms.frame.max"),
+    Figure(_TIME, "finding cones first, p50", "ms", 2, None, "latency_ms.detect.p50"),
     Figure(_COST, "faster than the stream", "x", 1, "high", "cost.real_time_factor"),
     Figure(_COST, "p99, last lap / first", "", 2, "low", "cost.p99_growth"),
     Figure(_COST, "peak memory so far", "MiB", 0, None, "cost.peak_memory_mb"),
@@ -148,12 +149,14 @@ class Comparison(Record):
         names: the runs.
         rows: the figures that at least one run has.
         warnings: what is odd, with the run it concerns unless it concerns all.
+        alarms: what makes the figures worth little, likewise; findings begin with it.
     """
 
     findings: tuple[str, ...]
     names: tuple[str, ...]
     rows: tuple[Row, ...]
     warnings: tuple[str, ...]
+    alarms: tuple[str, ...] = ()
 
     @property
     def verdict(self) -> str:
@@ -168,11 +171,13 @@ def compare(metrics: Mapping[str, RunMetrics]) -> Comparison:
         Row(figure, tuple(_look_up(run, figure.path) for run in plain.values()))
         for figure in FIGURES
     ]
+    alarms = _of_whom({name: m.alarms for name, m in metrics.items()})
     return Comparison(
-        findings=findings(metrics),
+        findings=(*(f"{alarm}." for alarm in alarms), *findings(metrics)),
         names=tuple(metrics),
         rows=tuple(row for row in rows if any(v is not None for v in row.values)),
-        warnings=_warnings(metrics),
+        warnings=_of_whom({name: m.warnings for name, m in metrics.items()}),
+        alarms=alarms,
     )
 
 
@@ -186,11 +191,11 @@ def _look_up(plain: Plain, path: str) -> float | None:
     return float(value) if isinstance(value, int | float) else None
 
 
-def _warnings(metrics: Mapping[str, RunMetrics]) -> tuple[str, ...]:
-    said = {w: None for m in metrics.values() for w in m.warnings}
+def _of_whom(said: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
+    """Return each sentence once, with the runs it concerns unless it concerns all."""
     result = []
-    for warning in said:
-        names = [name for name, m in metrics.items() if warning in m.warnings]
-        everyone = len(names) == len(metrics)
-        result.append(warning if everyone else f"{', '.join(names)}: {warning}")
+    for sentence in dict.fromkeys(s for sentences in said.values() for s in sentences):
+        names = [name for name, sentences in said.items() if sentence in sentences]
+        everyone = len(names) == len(said)
+        result.append(sentence if everyone else f"{', '.join(names)}: {sentence}")
     return tuple(result)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from conegraph.eval.alarms import alarms, unusable_input
 from conegraph.eval.doctor_case import open_case
 from conegraph.eval.doctor_causes import CAUSES, Cause
 from conegraph.eval.doctor_evidence import Evidence
@@ -15,9 +16,12 @@ from conegraph.eval.run_metrics import number
 from conegraph.io.run_folder import RunFolder
 from conegraph.types import Trajectory
 
-HEALTHY, UNEXPLAINED = "healthy", "unexplained"
+HEALTHY, UNEXPLAINED, UNCLEAR = "healthy", "unexplained", "cannot_tell"
 BAD_MAP_M, BAD_SHARE = 0.2, 0.9
 """Error of a map, and precision or recall, that call for an explanation."""
+
+SLIGHT, MANYFOLD = 1.2, 2.0
+"""Times its limit up to which a figure barely exceeds it, and from which on far."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,17 +63,21 @@ class Diagnosis(Record):
         findings: everything that exceeds what a healthy run shows.
         notes: what could not be looked at.
         harm: what the judge found wrong with the map, empty for nothing.
+        unclear: why the run cannot be called healthy, empty if it can.
     """
 
     findings: tuple[Finding, ...]
     notes: tuple[str, ...]
     harm: str = ""
+    unclear: str = ""
 
     @property
     def cause(self) -> str:
-        """The first finding's; without any `HEALTHY`, or `UNEXPLAINED` with harm."""
+        """The first finding's; without any `UNCLEAR`, `UNEXPLAINED`, or `HEALTHY`."""
         if self.findings:
             return self.findings[0].cause
+        if self.unclear:
+            return UNCLEAR
         return UNEXPLAINED if self.harm else HEALTHY
 
 
@@ -83,11 +91,12 @@ def diagnose(run: RunFolder, truth: Trajectory | None = None) -> Diagnosis:
     """
     if len(run.trajectory) < 2 or not np.isfinite(run.trajectory.pose).all():
         text = "the run has no path to look at: too short, or with poses that are NaN"
-        return Diagnosis((), (text,))
+        return Diagnosis((), (), unclear="; ".join([*unusable_input(run), text]))
+    if spoilt := unusable_input(run):
+        return Diagnosis((), (), unclear="; ".join(spoilt))
     case = open_case(run, truth)
     seen = [(cause, cause.examine(case)) for cause in CAUSES]
-    wrong = [(c, e) for c, e in seen if e is not None and e.measured > e.limit]
-    wrong.sort(key=lambda found: (found[0].level, -found[1].measured / found[1].limit))
+    wrong = _ranked([(c, e) for c, e in seen if e is not None and e.score > 1.0])
     findings = tuple(
         _finding(cause, evidence, follows=cause.level > wrong[0][0].level)
         for cause, evidence in wrong
@@ -101,7 +110,23 @@ def diagnose(run: RunFolder, truth: Trajectory | None = None) -> Diagnosis:
         notes.append("without odometry neither its faults nor those of stamps show")
     if not run.finished:
         notes.append("the run did not finish: what it wrote until then is looked at")
-    return Diagnosis(findings, tuple(notes), _harm(run))
+    return Diagnosis(findings, tuple(notes), _harm(run), "; ".join(alarms(run)))
+
+
+def _ranked(wrong: list[tuple[Cause, Evidence]]) -> list[tuple[Cause, Evidence]]:
+    """Sort by level, then by how far beyond its limit each is, in terms of the limit.
+
+    What barely exceeds its limit does not explain what exceeds its own manyfold, and
+    comes after all else.
+    """
+    worst = max((evidence.score for _, evidence in wrong), default=0.0)
+
+    def rank(found: tuple[Cause, Evidence]) -> tuple[bool, int, float]:
+        cause, evidence = found
+        slight = evidence.score < SLIGHT and worst > MANYFOLD
+        return slight, cause.level, -evidence.score
+
+    return sorted(wrong, key=rank)
 
 
 def _finding(cause: Cause, evidence: Evidence, *, follows: bool) -> Finding:
@@ -114,7 +139,7 @@ def _finding(cause: Cause, evidence: Evidence, *, follows: bool) -> Finding:
         unit=evidence.unit,
         measured=evidence.measured,
         limit=evidence.limit,
-        score=evidence.measured / evidence.limit,
+        score=evidence.score,
         at_s=evidence.at_s,
         advice=cause.advice,
     )

@@ -2,7 +2,8 @@
 
 Causes come in levels. What is wrong with a sensor shows in all that follows from it,
 so that it explains the rest: a bent map has twins, its loops do not close, and its
-filter believes too much. Of a level, what exceeds its limit most comes first.
+filter believes too much. Of a level, what exceeds its limit most comes first. What
+barely exceeds its limit comes last of all beside what is far beyond its own.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from conegraph.eval.doctor_estimate import (
     overconfidence,
     split_cones,
     starved_associations,
+    wrong_map,
 )
 from conegraph.eval.doctor_evidence import Examine
 from conegraph.eval.doctor_sensing import (
@@ -25,6 +27,7 @@ from conegraph.eval.doctor_sensing import (
     few_sights,
     scale_of,
     sensor_noise,
+    silent_odometry,
     wrong_colours,
 )
 
@@ -101,6 +104,13 @@ CAUSES = (
         fault_of("stamp_offset", 0.03, "s", "frames are older than their stamps by"),
     ),
     Cause(
+        "odometry_stopped",
+        SENSOR,
+        "odometry stopped while the car went on",
+        "look at its cable, its driver and its log at that time",
+        silent_odometry,
+    ),
+    Cause(
         "sensor_noise",
         SENSOR,
         "the sensor is noisier than it says",
@@ -128,6 +138,13 @@ CAUSES = (
         "the detector sees cones where there are none",
         "raise the detector's thresholds, or landmarks.publish_hits",
         false_detections,
+    ),
+    Cause(
+        "wrong_map",
+        JUMP,
+        "the given map is not of this place",
+        "give the map of this track, or none; compare conegraph track MAP.csv with it",
+        wrong_map,
     ),
     Cause(
         "false_closure",

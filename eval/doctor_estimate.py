@@ -8,8 +8,9 @@ import numpy as np
 
 from conegraph.eval.doctor_case import OVERCONFIDENT, Case
 from conegraph.eval.doctor_evidence import Evidence
+from conegraph.eval.run_metrics import number
 from conegraph.geometry import wrap_angle
-from conegraph.types import Array, ConeClass, MatchStatus
+from conegraph.types import Array, ConeClass, MatchStatus, Status
 
 STANDS_OUT_SIGMA = 5.0
 """A correction of the pose beyond so many of its own sigmas is no mere drift."""
@@ -19,6 +20,9 @@ RETURN_M, RETURN_SHARE = 3.0, 0.02
 
 DRIFT_M, DRIFT_SHARE = 1.0, 0.004
 """Doubt about the place that a healthy run has at most, and as a share of the way."""
+
+STRANGE = 0.6
+"""Share of sights that a map may not know: of one that is extended, half a track."""
 
 LEAST_LAP_M = 30.0
 CLOSES_WITHIN_M = 30.0
@@ -55,6 +59,26 @@ def false_closure(case: Case) -> Evidence | None:
     return Evidence(
         "jump of the pose", "m", float(off[k]), 1.0, float(case.stamp_s[k]), text
     )
+
+
+def wrong_map(case: Case) -> Evidence | None:
+    """Count the sights that are of no cone of the map that was given."""
+    known = case.run.summary.get("known_map")
+    if not isinstance(known, Mapping) or len(case.seen) == 0:
+        return None
+    of_map = (case.made.landmark_id >= 0) & (
+        case.made.landmark_id <= number(known, "greatest_id")
+    )
+    strange = ~(of_map & (case.made.status == MatchStatus.MATCHED.value))
+    share, status = float(strange.mean()), case.run.status
+    placed = np.isin(status.status, (Status.OK.value, Status.DEGRADED.value)).mean()
+    text = (
+        f"{100 * share:.0f} % of the cones seen match no cone of the given map; the "
+        f"car knew its place in {100 * placed:.0f} % of the frames"
+    )
+    at_s = case.busiest_s(strange)
+    name = "sights that the given map does not know"
+    return Evidence(name, "%", share, STRANGE, at_s, text)
 
 
 def starved_associations(case: Case) -> Evidence | None:

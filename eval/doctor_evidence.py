@@ -28,6 +28,11 @@ class Evidence:
     at_s: float
     text: str
 
+    @property
+    def score(self) -> float:
+        """How many times the limit was measured."""
+        return self.measured / self.limit
+
 
 Examine = Callable[[Case], Evidence | None]
 """Looks at one thing in a run; None where the run cannot tell."""

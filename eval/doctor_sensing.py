@@ -9,6 +9,7 @@ import numpy as np
 from conegraph.eval.doctor_case import OVERCONFIDENT, Case
 from conegraph.eval.doctor_evidence import Evidence, Examine
 from conegraph.eval.doctor_fit import NAMES
+from conegraph.eval.odometry_gap import LONGEST_S, odometry_gap
 from conegraph.types import ConeClass
 
 CERTAIN = 5.0
@@ -113,6 +114,15 @@ def scale_of(culprit: str) -> Examine:
         return found if blamed == culprit else None
 
     return examine
+
+
+def silent_odometry(case: Case) -> Evidence | None:
+    """Look for a time without odometry in which the car went on."""
+    gap = odometry_gap(case.run)
+    if gap is None:
+        return None
+    name = "time without odometry"
+    return Evidence(name, "s", gap.length_s, LONGEST_S, gap.start_s, gap.text)
 
 
 def sensor_noise(case: Case) -> Evidence | None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from conegraph.eval.alarms import alarms
 from conegraph.eval.association_metrics import AssociationMetrics, association_metrics
 from conegraph.eval.closure_metrics import ClosureMetrics, closure_metrics
 from conegraph.eval.colour_metrics import ORANGES
@@ -92,6 +93,7 @@ class RunMetrics(Record):
             it wrote none, or the true cones are no lane.
         cost: time and memory that the run took.
         truth_faults: true cones that cannot stand where they are said to.
+        alarms: what makes all figures worth little, in sentences.
     """
 
     trajectory: TrajectoryMetrics | None
@@ -108,6 +110,7 @@ class RunMetrics(Record):
     lap_drift: LapDrifts | None = None
     track: TrackMetrics | None = None
     truth_faults: tuple[Twins, ...] = ()
+    alarms: tuple[str, ...] = ()
 
 
 def evaluate(
@@ -154,6 +157,7 @@ def evaluate(
         lap_drift=None if pairs is None else lap_drifts(pairs, laps or ()),
         track=_track_metrics(run, truth.cones, cones, pairs),
         truth_faults=faults,
+        alarms=alarms(run),
     )
 
 

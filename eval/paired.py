@@ -39,6 +39,7 @@ class Effect(Record):
         p: of the signed-rank test, corrected for the metrics of its family (`MAIN`, or
             all others).
         left_out: pairs without a number, or without a logarithm, of one of the two.
+        least: fewest drives, or tracks of a general size, whose p can show anything.
     """
 
     metric: Metric
@@ -46,6 +47,7 @@ class Effect(Record):
     size: Estimate
     p: float
     left_out: int
+    least: int = 1
 
     @property
     def none(self) -> float:
@@ -56,6 +58,16 @@ class Effect(Record):
     def known(self) -> bool:
         """Whether there are enough pairs to say how certain it is."""
         return math.isfinite(self.size.interval.low)
+
+    @property
+    def worth(self) -> int:
+        """How many independent drives, or tracks of a general size, there are."""
+        return self.size.groups if self.size.general else self.size.count
+
+    @property
+    def enough(self) -> bool:
+        """Whether a difference could be shown at all, however large it is."""
+        return self.known and self.worth >= self.least
 
     @property
     def shown(self) -> bool:
@@ -77,8 +89,9 @@ class Effect(Record):
     @property
     def says(self) -> str:
         """What size, interval and test say together."""
-        if not self.known:
-            return "too few pairs to tell"
+        if not self.enough:
+            units = counted(self.worth, "track" if self.size.general else "drive")
+            return f"{units} cannot show a difference: it takes {self.least}"
         return f"{self.better} is better" if self.better else NO_DIFFERENCE
 
     @property
@@ -120,6 +133,11 @@ class Failures(Record):
     p: float
 
     @property
+    def enough(self) -> bool:
+        """Whether so many drives could show a difference at all."""
+        return self.rates[0].of >= least_to_show(1)
+
+    @property
     def shown(self) -> bool:
         """Whether one fails more often than the other."""
         return self.p < LEAST_P
@@ -132,6 +150,9 @@ class Failures(Record):
             for name, r in zip(self.names, self.rates, strict=True)
         )
         level = "" if self.shown else f", {NO_DIFFERENCE}"
+        if not self.enough:
+            drives = counted(self.rates[0].of, "drive")
+            level = f": {drives} cannot show a difference, it takes {least_to_show(1)}"
         return f"failures: {said} ({p_text(self.p)}{level})"
 
 
@@ -159,7 +180,7 @@ class Duel(Record):
     def scope(self) -> str:
         """What was compared, and how far it holds."""
         first, second = self.names
-        said = f"{second} against {first} over {_counted(self.streams, 'stream')}"
+        said = f"{second} against {first} over {counted(self.streams, 'stream')}"
         if self.left_out:
             said += f", {self.left_out} of them left out of what follows for a failure"
         if self.general:
@@ -213,12 +234,21 @@ def duels(rows: Sequence[SuiteRow]) -> tuple[Duel, ...]:
     )
 
 
+def least_to_show(tests: int) -> int:
+    """Return the fewest drives that can show a difference in one of so many figures.
+
+    All n are on one side by chance in 2 of 2^n cases, times the number of tests.
+    """
+    return math.floor(math.log2(tests / LEAST_P)) + 2
+
+
 def these_tracks(count: int) -> str:
     """Return how those tracks are called that were driven on."""
     return "this track" if count == 1 else f"these {count} tracks"
 
 
-def _counted(count: int, what: str) -> str:
+def counted(count: int, what: str) -> str:
+    """Return a number of things."""
     return f"{count} {what}" if count == 1 else f"{count} {what}s"
 
 
@@ -241,7 +271,8 @@ def _paired(
 
 def _corrected(effects: Sequence[Effect]) -> list[Effect]:
     p = holm([effect.p for effect in effects])
-    return [replace(e, p=own) for e, own in zip(effects, p, strict=True)]
+    least = least_to_show(len(effects)) if effects else 1
+    return [replace(e, p=own, least=least) for e, own in zip(effects, p, strict=True)]
 
 
 def _effect(

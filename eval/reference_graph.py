@@ -195,7 +195,9 @@ class ReferenceGraph:
             before_s, now_s = float(stamps[k - 1]), float(stamps[k])
             increment = None if queue is None else queue.take(before_s, now_s)
             if increment is None:
-                yield list(free_motion(k, before_s, now_s, self._motion))
+                moved = between(self._path.pose[k - 1], self._path.pose[k])
+                speed_mps = float(moved[0]) / (now_s - before_s)
+                yield free_motion(k, before_s, now_s, speed_mps, self._motion)
             else:
                 yield _Step(k, increment, self._segment(now_s))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from conegraph.eval.odometry_gap import odometry_gap
 from conegraph.eval.pose_pairs import MAX_TRUTH_GAP_S
 from conegraph.eval.trajectory_metrics import TrajectoryMetrics
 from conegraph.io.run_folder import RunFolder
@@ -33,6 +34,8 @@ def run_warnings(
             f"{causal.left_out} of {len(run.trajectory)} poses have no truth: outside "
             f"its time, or in a gap of more than {MAX_TRUTH_GAP_S} s"
         )
+    if (gap := odometry_gap(run)) is not None:
+        warnings.append(gap.text)
     return warnings
 
 
@@ -52,6 +55,4 @@ def status_warnings(run: RunFolder, unplaced: int) -> list[str]:
     lost = int((run.status.status == Status.LOST.value).sum())
     if lost:
         warnings.append(f"the car was LOST in {lost} of {frames} frames")
-    if frames and (run.status.status == Status.INIT.value).all():
-        warnings.append(f"the status was INIT to the end: {run.status.reason[-1]}")
     return warnings

@@ -5,7 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from conegraph.eval.paired import NO_DIFFERENCE, Duel, Effect, rate_text, these_tracks
+from conegraph.eval.paired import (
+    NO_DIFFERENCE,
+    Duel,
+    Effect,
+    counted,
+    least_to_show,
+    rate_text,
+    these_tracks,
+)
 from conegraph.eval.statistics import Rate
 from conegraph.eval.suite_metrics import MAIN
 from conegraph.eval.suite_rows import SuiteRow
@@ -70,18 +78,30 @@ def headline(duel: Duel) -> str:
     first, second = duel.names
     main = [e for e in duel.effects if e.metric.name in MAIN]
     differ = [_difference(effect) for effect in main if effect.shown]
-    level = [_short(e) for e in main if not e.shown and e.known]
-    unsure = [_short(e) for e in main if not e.known]
+    level = [_short(e) for e in main if not e.shown and e.enough]
     if duel.failures.shown:
         differ.insert(0, _failures(duel))
-    else:
+    elif duel.failures.enough:
         level.append("failures")
     parts = [", ".join(differ)] if differ else []
     parts += [f"{NO_DIFFERENCE} in {_listed(level)}"] if level else []
-    parts += [f"too few drives to tell of {_listed(unsure)}"] if unsure else []
+    parts += _unsure(duel, [e for e in main if not e.enough])
     parts += ["no drive that neither failed on"] if not main else []
-    drives = "1 drive" if duel.streams == 1 else f"{duel.streams} drives"
+    drives = counted(duel.streams, "drive")
     return f"{second} beside {first} over {drives}: {'; '.join(parts)}."
+
+
+def _unsure(duel: Duel, few: Sequence[Effect]) -> list[str]:
+    """Return in what no difference could be shown, however large it is."""
+    names = [_short(effect) for effect in few]
+    worth = min((e.worth for e in few), default=duel.streams)
+    least = max((e.least for e in few), default=least_to_show(1))
+    if not duel.failures.enough:
+        names.append("failures")
+    if not names:
+        return []
+    units = counted(worth, "track" if duel.general else "drive")
+    return [f"{units} cannot show a difference in {_listed(names)} (it takes {least})"]
 
 
 def _failures(duel: Duel) -> str:

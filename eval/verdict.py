@@ -62,8 +62,19 @@ def findings(metrics: Mapping[str, RunMetrics]) -> tuple[str, ...]:
         return (alone, *_speed(metrics))
     return _said(
         _without_map(metrics, map_error),
-        _share_contest("misses the most cones", "recall", recall),
-        _share_contest("has the most cones that are not there", "precision", precision),
+        _share_contest("misses the most cones", "recall", recall, _in_words(recall)),
+        _extra_contest(
+            "has the most cones that are not there",
+            "false cones",
+            {name: m.map.false_cones for name, m in metrics.items() if m.map},
+            metrics,
+        ),
+        _extra_contest(
+            "has the most cones twice",
+            "duplicates",
+            {name: m.map.duplicates for name, m in metrics.items() if m.map},
+            metrics,
+        ),
         _error_contest("map", "aligned RMSE", map_error),
         _error_contest("path", "aligned ATE while driving", path_error),
         *_speed(metrics),
@@ -115,13 +126,37 @@ def _error_contest(what: str, measure: str, values: _Values) -> str:
     )
 
 
-def _share_contest(claim: str, measure: str, values: _Values) -> str:
+def _in_words(values: _Values) -> dict[str, str]:
+    return {name: f"{value:.3f}" for name, value in values.items()}
+
+
+def _extra_contest(
+    claim: str,
+    measure: str,
+    extra: Mapping[str, int],
+    metrics: Mapping[str, RunMetrics],
+) -> str:
+    """Compare the shares of the maps' cones that are too many in one way."""
+    size = {name: m.map.estimated for name, m in metrics.items() if m.map}
+    named = [name for name in extra if size[name]]
+    return _share_contest(
+        claim,
+        measure,
+        {name: 1.0 - extra[name] / size[name] for name in named},
+        {name: f"{extra[name]} of {size[name]}" for name in named},
+    )
+
+
+def _share_contest(
+    claim: str, measure: str, values: _Values, in_words: Mapping[str, str]
+) -> str:
+    """Name who has the least share, if that is shown to be less than the greatest."""
     if len(values) < 2:
         return ""
     ranked = sorted(values.items(), key=lambda item: item[1])
     if not differ(ranked[0][1], ranked[-1][1], "", share=True):
         return ""
-    figures = ", ".join(f"{name} {value:.3f}" for name, value in ranked)
+    figures = ", ".join(f"{name} {in_words[name]}" for name, _ in ranked)
     return f"{ranked[0][0]} {claim} ({measure}: {figures})."
 
 

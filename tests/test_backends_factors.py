@@ -198,7 +198,7 @@ def test_odometry_stays_right_as_a_closure_turns_the_map(
 def test_free_motion_costs_an_acceleration_what_its_sigma_says(
     dt_s: float, a: float, alpha: float
 ) -> None:
-    wnoa, straight = factors.free_motion(1, 3.0, 3.0 + dt_s, MOTION)
+    wnoa, straight = factors.free_motion(1, 3.0, 3.0 + dt_s, 8.0, MOTION)
     still = {0: np.zeros(3), 1: np.array([8.0 * dt_s, 0.0, 0.0])}
     kept = at(still, velocities={0: [8.0, 0, 0], 1: [8.0, 0, 0]})
     assert wnoa.error(kept) == pytest.approx(0.0, abs=1e-9)
@@ -212,15 +212,23 @@ def test_free_motion_costs_an_acceleration_what_its_sigma_says(
     turned = at(poses, velocities={0: [0, 0, 0], 1: [0, 0, alpha * dt_s]})
     want = 0.5 * (alpha / MOTION.yaw_accel_sigma_radps2) ** 2
     assert wnoa.error(turned) == pytest.approx(want, abs=1e-6)
-    # A car does not slide: 0.05 m/s sideways is one sigma.
-    assert straight.error(at(velocities={1: [0.0, 0.05, 0.0]})) == pytest.approx(0.5)
+    # Slip takes the car sideways by its sigma times the root of the way.
+    off_m = MOTION.slip_sigma_m_per_sqrt_m * np.sqrt(8.0 * dt_s)
+    slid = at(velocities={1: [0.0, off_m / dt_s, 0.0]})
+    assert straight.error(slid) == pytest.approx(0.5)
+
+
+def test_a_car_that_stands_does_not_slide() -> None:
+    _, straight = factors.free_motion(1, 0.0, 0.1, 0.0, MOTION)
+    slid = at(velocities={1: [0.0, factors.LEAST_SLIP_MPS, 0.0]})
+    assert straight.error(slid) == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize("dt_s", [1e-9, 1e-6, 1e-3])
 def test_frames_that_almost_coincide_are_held_together_and_no_more(
     dt_s: float,
 ) -> None:
-    wnoa, _ = factors.free_motion(1, 0.0, dt_s, MOTION)
+    wnoa, _ = factors.free_motion(1, 0.0, dt_s, 0.0, MOTION)
     at_rest = {0: np.zeros(3), 1: np.zeros(3)}
     off = np.sqrt(factors.SHORT_STEP[0])
     poses = {0: np.zeros(3), 1: np.array([off, 0, 0])}
@@ -234,7 +242,7 @@ def test_an_arc_at_constant_twist_is_free_motion() -> None:
     dt, u, r = 0.1, 9.0, 1.2
     chord = u / r * np.array([np.sin(r * dt), 1 - np.cos(r * dt)])
     poses = {0: np.zeros(3), 1: np.array([*chord, r * dt])}
-    wnoa, _ = factors.free_motion(1, 0.0, dt, MOTION)
+    wnoa, _ = factors.free_motion(1, 0.0, dt, 9.0, MOTION)
     values = at(poses, velocities={0: [u, 0, r], 1: [u, 0, r]})
     assert wnoa.error(values) == pytest.approx(0.0, abs=1e-9)
 

@@ -12,6 +12,7 @@ from conegraph.camera_stream import CameraStream, with_front_end
 from conegraph.cli.app import app
 from conegraph.config import load_config
 from conegraph.frontend.base import Detections
+from conegraph.io.run_folder import read_run
 from conegraph.pipeline import Pipeline
 from conegraph.sim.camera_drive import CameraDrive
 from conegraph.sources import SimOptions, open_stream, render_track, simulate_track
@@ -78,14 +79,36 @@ def test_a_run_writes_how_long_detection_took(
     assert result.metrics is not None
 
 
-def test_rendered_pictures_are_a_source(tmp_path: Path) -> None:
-    out = tmp_path / "pictures"
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of a few pictures of a drive, written by the command itself."""
+    out = tmp_path_factory.mktemp("drive") / "pictures"
     command = ["simulate", "acceleration", "--camera", "--out", str(out)]
     done = CliRunner().invoke(
         app, [*command, "--rate", "0.5", "--light", "overcast", "--seed", "4"]
     )
     assert done.exit_code == 0, done.output
-    stream = open_stream(str(out))
+    return out
+
+
+def test_no_back_end_of_a_comparison_waits_for_the_detector(
+    pictures: Path, tmp_path: Path
+) -> None:
+    """Its own row says what the pictures took, which no run's time contains."""
+    command = ["compare", str(pictures), "--out", str(tmp_path)]
+    done = CliRunner().invoke(app, [*command, "--backends", "ekf,ekf/thesis"])
+    assert done.exit_code == 0, done.output
+    assert "finding cones first, p50 [ms]" in done.output
+    for name in ("ekf", "ekf-thesis"):
+        run = read_run(tmp_path / name)
+        assert len(run.timing_ms["detect"]) == len(run.trajectory) > 3
+        wall_s = run.summary["wall_s"]
+        assert isinstance(wall_s, float)
+        assert 1e3 * wall_s < run.timing_ms["detect"].sum()
+
+
+def test_rendered_pictures_are_a_source(pictures: Path) -> None:
+    stream = open_stream(str(pictures))
     rendered = open_stream(
         "sim:acceleration?sensor=rgbd&rate=0.5&light=overcast&seed=4"
     )

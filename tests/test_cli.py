@@ -310,6 +310,18 @@ def test_a_recording_is_written_when_asked_for_and_never_left_stale(
     assert not recording.exists()
 
 
+def test_a_detector_without_pictures_is_said_not_to_be_used(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("run", log, "--out", tmp_path / "a", "--detector", "hsv") == 0
+    said = f"conegraph: --detector hsv is not used: {log} has cones, and no pictures"
+    assert capsys.readouterr().err.splitlines() == [said]
+    config = tmp_path / "a" / "config.toml"
+    assert 'kind = "hsv"' in config.read_text(encoding="utf-8")
+    assert run("run", "-c", config, "--out", tmp_path / "b") == 0
+    assert capsys.readouterr().err == ""
+
+
 def test_config_schema_describes_every_section(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

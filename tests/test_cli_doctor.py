@@ -74,3 +74,20 @@ def test_a_folder_of_several_runs_names_them(
     assert run("doctor", tmp_path) == 1
     said = capsys.readouterr().err
     assert f"holds 2 runs: choose {tmp_path / 'ekf'} or {tmp_path / 'isam2'}" in said
+
+
+def test_stamps_in_milliseconds_are_said_before_any_figure(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = [f"{100 * k},{5 + k % 3},{2 - k % 5}" for k in range(40)]
+    (tmp_path / "log").mkdir()
+    text = "\n".join(["t,x,y", *rows]) + "\n"
+    (tmp_path / "log" / "cones.csv").write_text(text, encoding="utf-8")
+    assert run("run", tmp_path / "log", "--out", tmp_path / "out") == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert said.startswith("Beware: 39 of 40 frames were left out, most of them for")
+    assert "in seconds, and not in milliseconds?" in said
+    assert run("doctor", tmp_path / "out") == 0
+    said = capsys.readouterr().out
+    assert said.startswith("cannot tell: 39 of 40 frames were left out")
+    assert "healthy" not in said

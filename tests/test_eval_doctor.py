@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from conegraph.eval.doctor import HEALTHY, UNEXPLAINED, diagnose
+from conegraph.eval.doctor import HEALTHY, UNCLEAR, UNEXPLAINED, diagnose
 from conegraph.eval.doctor_case import open_case
 from conegraph.eval.doctor_fit import NAMES
 from conegraph.eval.doctor_tracks import linked
+from conegraph.eval.odometry_gap import odometry_gap
+from conegraph.eval.run_warnings import run_warnings
 from conegraph.geometry import between, to_child, to_parent
 from conegraph.io.run_folder import (
     AssociationRows,
@@ -262,11 +264,101 @@ def test_associations_in_vain_are_counted_unless_the_car_is_lost() -> None:
     assert diagnose(replace(run, associations=idle, status=lost)).cause == HEALTHY
 
 
+@pytest.mark.parametrize(
+    ("matched", "greatest_id", "causes"),
+    [
+        ("matched", 47, []),
+        ("matched", 10, ["wrong_map"]),
+        ("rejected", 47, ["wrong_map"]),
+    ],
+)
+def test_a_map_whose_cones_are_not_seen_is_of_another_place(
+    matched: str, greatest_id: int, causes: list[str]
+) -> None:
+    """Its cones come first; those that the run found itself have greater ids."""
+    run = drive()
+    status = replace(run.status, status=np.full(N, "LOST"))
+    made = replace(run.associations, status=np.full(len(run.associations), matched))
+    known = {"cones": greatest_id + 1, "greatest_id": greatest_id}
+    run = replace(run, status=status, associations=made)
+    assert diagnose(run).cause == HEALTHY
+    findings = diagnose(
+        replace(run, summary={**run.summary, "known_map": known})
+    ).findings
+    assert [f.cause for f in findings] == causes
+    if causes:
+        strange = (made.landmark_id > greatest_id) | (made.status != "matched")
+        assert findings[0].measured == pytest.approx(strange.mean())
+
+
+def test_odometry_that_stopped_is_named_with_its_time() -> None:
+    run = drive()
+    silent = run.motion.odometry.copy()
+    silent[101:] = np.nan
+    stopped = replace(run, motion=replace(run.motion, odometry=silent))
+    (found,) = diagnose(stopped).findings
+    assert (found.cause, found.at_s) == ("odometry_stopped", STAMPS[100])
+    assert found.measured == pytest.approx(STAMPS[-1] - STAMPS[100])
+    assert "stopped at 10.0 s, to the end" in found.evidence
+    assert found.evidence in run_warnings(stopped, None, None)
+    back = run.motion.odometry.copy()
+    back[101:115] = np.nan
+    assert odometry_gap(replace(run, motion=replace(run.motion, odometry=back))) is None
+    back[101:131] = np.nan
+    gap = odometry_gap(replace(run, motion=replace(run.motion, odometry=back)))
+    assert gap is not None
+    assert (gap.length_s, gap.to_the_end) == (pytest.approx(3.0), False)
+
+
+def test_a_car_that_stands_needs_no_odometry() -> None:
+    run = drive()
+    silent, pose = run.motion.odometry.copy(), run.trajectory.pose.copy()
+    silent[101:], pose[101:] = np.nan, pose[100]
+    motion = replace(run.motion, odometry=silent)
+    assert odometry_gap(replace(run, motion=motion)) is not None
+    stood = replace(run, motion=motion, trajectory=Trajectory(STAMPS, pose))
+    assert odometry_gap(stood) is None
+
+
+def test_a_time_without_frames_is_none_without_odometry() -> None:
+    run = drive()
+    later = STAMPS + 20.0 * (np.arange(N) > 100)
+    run = replace(run, motion=replace(run.motion, stamp_s=later))
+    assert odometry_gap(run) is None
+
+
 def test_a_cone_with_two_landmarks_is_split() -> None:
     run = drive()
     ids = run.associations.landmark_id + 1000 * (run.associations.stamp_s % 2 > 1)
     split = replace(run.associations, landmark_id=ids)
     assert diagnose(replace(run, associations=split)).cause == "split_cones"
+
+
+def test_a_run_whose_input_was_left_out_is_not_called_healthy() -> None:
+    run = drive()
+    lost = {"frame: stamp leaps ahead": N, "cone: too far": 3, "odometry: late": 9 * N}
+    diagnosis = diagnose(replace(run, summary={**run.summary, "rejected": lost}))
+    assert diagnosis.cause == HEALTHY
+    lost["frame: stamp leaps ahead"] = N + 1
+    diagnosis = diagnose(replace(run, summary={**run.summary, "rejected": lost}))
+    assert (diagnosis.cause, diagnosis.findings) == (UNCLEAR, ())
+    assert diagnosis.unclear.startswith(f"{N + 1} of {2 * N + 1} frames were left out")
+    assert "milliseconds" in diagnosis.unclear
+
+
+def test_frames_that_are_too_slow_for_any_sensor_are_of_another_unit() -> None:
+    run = drive()
+    slow = Trajectory(1e3 * STAMPS, run.trajectory.pose)
+    assert "frames are 100 s apart" in diagnose(replace(run, trajectory=slow)).unclear
+
+
+def test_a_run_that_never_knew_its_place_is_not_called_healthy() -> None:
+    run = drive()
+    why = N * ("no place leads clearly",)
+    status = replace(run.status, status=np.full(N, "INIT"), reason=why)
+    diagnosis = diagnose(replace(run, status=status))
+    assert diagnosis.cause == UNCLEAR
+    assert diagnosis.unclear == "the status was INIT to the end: no place leads clearly"
 
 
 def test_without_odometry_it_says_what_it_cannot_see() -> None:
@@ -322,6 +414,20 @@ def test_a_map_without_colours_is_said_after_all_else() -> None:
     )
 
 
+def test_what_barely_exceeds_its_limit_explains_nothing_that_is_far_beyond() -> None:
+    """Sensors come before loops, unless there is next to nothing wrong with them."""
+
+    def said(doubt_m: float, noise: float) -> list[str]:
+        run = drive(noise=noise)
+        cov = np.tile(0.5 * doubt_m**2 * np.eye(3), (N, 1, 1))
+        run = replace(run, pose_cov=PoseCovariances(STAMPS, cov))
+        return [f.cause for f in diagnose(run).findings]
+
+    assert said(3.0, 1.7) == ["drift", "sensor_noise"]
+    assert said(1.5, 1.7) == ["sensor_noise", "drift"]
+    assert said(3.0, 2.5) == ["sensor_noise", "drift"]
+
+
 def test_what_comes_of_a_cause_follows_from_it() -> None:
     run = replace(drive(bias=0.1), summary={"frames": N})
     found = {f.cause: f.follows for f in diagnose(run).findings}
@@ -336,7 +442,8 @@ def test_a_run_of_an_older_version_or_without_frames_is_looked_at() -> None:
     assert diagnose(old).cause == HEALTHY
     assert "kept no observations" in diagnose(old).notes[0]
     none = replace(run, trajectory=Trajectory(np.zeros(0), np.zeros((0, 3))))
-    assert "no path" in diagnose(none).notes[0]
+    assert diagnose(none).cause == UNCLEAR
+    assert "no path" in diagnose(none).unclear
 
 
 def test_estimates_of_later_stamps_than_their_frames_do_no_harm() -> None:

@@ -105,7 +105,7 @@ def test_a_perfect_run_has_no_error_anywhere() -> None:
     assert m.trajectory.ate_first_pose.max_m == pytest.approx(0.0, abs=1e-9)
     np.testing.assert_allclose(m.trajectory.pose_truth_start, START, atol=1e-12)
     assert (m.association.precision, m.association.recall) == (1.0, 1.0)
-    assert m.warnings == ()
+    assert (m.warnings, m.alarms) == ((), ())
 
 
 def test_figures_that_need_no_truth() -> None:
@@ -297,7 +297,7 @@ def test_a_run_says_when_it_did_not_know_where_the_car_was() -> None:
     unsure = replace(
         run.status, status=np.full(900, "INIT"), reason=("no cones yet",) * 900
     )
-    said = evaluate(replace(run, status=unsure), truth).warnings
+    said = evaluate(replace(run, status=unsure), truth).alarms
     assert said == ("the status was INIT to the end: no cones yet",)
 
 

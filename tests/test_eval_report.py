@@ -20,7 +20,7 @@ from conegraph.errors import ConegraphError
 from conegraph.eval import RunMetrics, Truth, compare, evaluate
 from conegraph.eval.report import render_table, write_report
 from conegraph.io.run_folder import AssociationRows, RunFolder, StatusRows
-from conegraph.types import ConeMap, Trajectory, TruthMap
+from conegraph.types import Array, ConeMap, Trajectory, TruthMap
 
 N = 40
 
@@ -123,6 +123,39 @@ def test_missing_cones_are_said_before_a_small_error() -> None:
     )
 
 
+def with_extra(run: RunFolder, xy_m: Array) -> RunFolder:
+    """The run with more cones of its first one's looks."""
+    m, n = run.cone_map, len(xy_m)
+    return replace(
+        run,
+        cone_map=ConeMap(
+            np.arange(len(m) + n),
+            np.vstack([m.xy_m, xy_m]),
+            np.concatenate([m.cov_m2, m.cov_m2[:1].repeat(n, axis=0)]),
+            np.concatenate([m.class_prob, m.class_prob[:1].repeat(n, axis=0)]),
+            np.concatenate([m.observations, m.observations[:1].repeat(n)]),
+        ),
+    )
+
+
+def test_a_cone_twice_is_no_cone_that_is_not_there() -> None:
+    truth, run = truth_and_run()
+    n = 1 + N // 10
+    twice = with_extra(run, run.cone_map.xy_m[:n] + 0.3)
+    verdict = compare(judged(truth, once=run, twice=twice)).verdict
+    assert verdict.startswith(
+        f"twice has the most cones twice (duplicates: twice {n} of {N + n}, once 0 of "
+        f"{N})."
+    )
+    assert "not there" not in verdict
+    false = with_extra(run, np.tile([[900.0, 900.0]], (n, 1)) + 9.0 * np.eye(n, 2))
+    verdict = compare(judged(truth, once=run, false=false)).verdict
+    assert verdict.startswith(
+        f"false has the most cones that are not there (false cones: false {n} of "
+    )
+    assert "twice" not in verdict
+
+
 def test_a_run_without_a_map_is_named() -> None:
     truth, run = truth_and_run()
     empty = without(run, np.zeros(N, dtype=np.bool_))
@@ -219,6 +252,18 @@ def test_warnings_name_the_run_unless_they_concern_all() -> None:
     assert len(warnings) == 2
     assert warnings[0].startswith("the truth is faulty: 1 of its pairs")
     assert warnings[1].startswith("isam2: the run did not finish")
+
+
+def test_what_spoils_all_figures_is_said_first() -> None:
+    truth, run = truth_and_run()
+    frames = len(run.trajectory)
+    lost = {"rejected": {"frame: stamp does not increase": 9 * frames}}
+    spoilt = replace(run, summary={**run.summary, **lost})
+    comparison = compare(judged(truth, ekf=run, isam2=spoilt))
+    start = f"isam2: {9 * frames} of {10 * frames} frames were left out"
+    assert comparison.alarms[0].startswith(start)
+    assert comparison.verdict.startswith(start)
+    assert compare(judged(truth, ekf=run)).alarms == ()
 
 
 def test_the_table_has_a_column_a_run_and_units() -> None:

@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from conegraph.eval.paired import Effect, duel
+from conegraph.eval.paired import Effect, duel, least_to_show
+from conegraph.eval.statistics import signed_rank
 from conegraph.eval.suite_comparison import compare_suite, compare_versions
 from conegraph.eval.suite_metrics import METRICS
 from conegraph.eval.suite_rows import SuiteRow
@@ -135,10 +136,33 @@ def test_shares_differ_by_their_difference() -> None:
 
 def test_one_pair_is_too_few() -> None:
     one = duel(("a", "b"), [(row("a", 0, 0), row("b", 0, 0))])
-    assert one.effects[0].sentence.endswith("too few pairs to tell")
+    said = one.effects[0].sentence
+    assert said.endswith(": 1 drive cannot show a difference: it takes 8")
     nothing = duel(("a", "b"), [])
     assert nothing.effects == ()
     assert "0 of 0" in nothing.failures.sentence
+
+
+@pytest.mark.parametrize("tests", range(1, 40))
+def test_no_fewer_drives_could_show_a_difference(tests: int) -> None:
+    least = least_to_show(tests)
+    one_sided = [signed_rank(1.0 + np.arange(n), n * [""], "mean") for n in (1, least)]
+    assert one_sided == pytest.approx([1.0, 2.0 ** (1 - least)])
+    assert tests * 2.0 ** (1 - least) < 0.05 <= tests * 2.0 ** (2 - least)
+
+
+def test_too_few_drives_are_not_called_no_difference() -> None:
+    """Even if all of seven are on one side, one of four figures shows nothing."""
+    assert least_to_show(1) == 6
+    assert least_to_show(4) == 8
+    said = compare_suite(both(0.5, 0.01, tracks=2)).verdict
+    assert "no difference shown in failures" in said
+    assert "6 drives cannot show a difference in map error" in said
+    assert "slowest frames (it takes 8)" in said
+    said = compare_suite(both(0.5, 0.01, tracks=1)).verdict
+    assert "no difference" not in said
+    assert "slowest frames and failures (it takes 8)" in said
+    assert "map error 50 % lower" in compare_suite(both(0.5, 0.01, tracks=3)).verdict
 
 
 def test_every_two_of_three_are_compared() -> None:

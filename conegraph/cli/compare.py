@@ -21,7 +21,7 @@ from conegraph.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from conegraph.config import Config
+    from conegraph.pipeline import RunResult
 
 DEFAULT_BACKENDS = "ekf,isam2"
 
@@ -44,6 +44,7 @@ def compare(
     json_: JsonOption = False,
 ) -> None:
     """Run several back ends over one stream and judge them."""
+    from conegraph.cli.session import Job, run_jobs
     from conegraph.config import load_config
 
     settings = with_detector(set_, detector)
@@ -51,26 +52,18 @@ def compare(
         name: settle_source(source, load_config(config, settings, backend=backend))
         for name, backend in _named(backends).items()
     }
-    compare_configs(configs, out, view=view, save_rrd=save_rrd, json_=json_)
+    jobs = {name: Job(config, out / name) for name, config in configs.items()}
+    results = run_jobs(jobs, out, view=view, save_rrd=save_rrd, detector=detector)
+    _report(results, out, json_=json_)
+    if save_rrd and not json_:
+        typer.echo(f"Recording: conegraph view {out}")
 
 
-def compare_configs(
-    configs: dict[str, Config], out: Path, *, view: bool, save_rrd: bool, json_: bool
-) -> None:
-    """Run every configuration over one stream, write the report and print it.
-
-    Args:
-        configs: by name, which is also the run's folder in ``out``.
-        out: where the report goes, and the runs' folders.
-        view: whether to show the runs live.
-        save_rrd: whether to write the recording.
-        json_: whether to print JSON in place of the table.
-    """
-    from conegraph.cli.session import Job, print_comparison, run_jobs
+def _report(results: dict[str, RunResult], out: Path, *, json_: bool) -> None:
+    """Write the report into a folder, and print it as a table or as JSON."""
+    from conegraph.cli.session import print_comparison
     from conegraph.eval import write_report
 
-    jobs = {name: Job(config, out / name) for name, config in configs.items()}
-    results = run_jobs(jobs, out, view=view, save_rrd=save_rrd)
     judged = {
         name: (result.folder, result.metrics)
         for name, result in results.items()
@@ -82,15 +75,13 @@ def compare_configs(
         {name: folder for name, (folder, _) in judged.items()},
         {name: metrics for name, (_, metrics) in judged.items()},
         first.truth,
-        title=f"{first.summary['source']}: {', '.join(configs)}",
+        title=f"{first.summary['source']}: {', '.join(results)}",
     )
     if json_:
         typer.echo((out / "report.json").read_text(encoding="utf-8"), nl=False)
         return
     print_comparison(comparison)
     typer.echo(f"Report: {out / 'report.html'}")
-    if save_rrd:
-        typer.echo(f"Recording: conegraph view {out}")
 
 
 def _named(backends: str) -> dict[str, str]:

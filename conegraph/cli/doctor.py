@@ -101,7 +101,10 @@ def _show(diagnosis: Diagnosis) -> None:
         out.print(Text("Found besides, and may follow from that:"))
     for found in consequences:
         out.print(Text(f"- {found.title} ({found.cause}): {_figure(found)}"))
-    if not causes and diagnosis.harm:
+    if diagnosis.unclear:
+        start = "cannot tell" if not causes else "Besides"
+        out.print(Text(f"{start}: {diagnosis.unclear}"))
+    elif not causes and diagnosis.harm:
         out.print(Text(f"unexplained: {diagnosis.harm}; nothing looked for is wrong"))
     elif not causes:
         out.print(Text("healthy: nothing that is looked for is wrong"))

@@ -76,7 +76,9 @@ def run(
         add_cones=map_ is None or mode is Mode.UPDATE,
     )
     name = settled.backend.kind
-    result = run_jobs({name: job}, out, view=view, save_rrd=save_rrd)[name]
+    result = run_jobs(
+        {name: job}, out, view=view, save_rrd=save_rrd, detector=detector
+    )[name]
     if json_:
         typer.echo((out / SUMMARY).read_text(encoding="utf-8"), nl=False)
     elif result.metrics is not None:

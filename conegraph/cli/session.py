@@ -19,7 +19,7 @@ from conegraph.pipeline import Pipeline, RunResult
 from conegraph.sim.camera_drive import CameraDrive
 from conegraph.sim.render_pool import free_cores
 from conegraph.sources import open_stream
-from conegraph.types import ConeMap, Source
+from conegraph.types import ConeMap, ConeObservations, Source
 from conegraph.viewer import Viewer, open_viewer, watch_camera
 
 RECORDING = "run.rrd"
@@ -36,7 +36,12 @@ class Job:
 
 
 def run_jobs(
-    jobs: Mapping[str, Job], out: Path, *, view: bool, save_rrd: bool
+    jobs: Mapping[str, Job],
+    out: Path,
+    *,
+    view: bool,
+    save_rrd: bool,
+    detector: str | None = None,
 ) -> dict[str, RunResult]:
     """Send one stream through every job in turn; the source is read once.
 
@@ -45,6 +50,7 @@ def run_jobs(
         out: the folder of the whole, for the recording.
         view: whether to show the runs live.
         save_rrd: whether to write the recording.
+        detector: the one that was asked for, if any: a source may have no pictures.
 
     Raises:
         ConegraphError: the source cannot be read, or a folder not be written.
@@ -55,6 +61,12 @@ def run_jobs(
     if isinstance(stream, CameraDrive):
         stream = replace(stream, workers=free_cores())
     source = with_front_end(stream, config)
+    if detector is not None and not isinstance(source, CameraStream):
+        print(
+            f"conegraph: --detector {detector} is not used: {config.source} has cones, "
+            "and no pictures",
+            file=sys.stderr,
+        )
     out.mkdir(parents=True, exist_ok=True)
     recording = out / RECORDING
     # One of an earlier run would not be of this one.
@@ -74,10 +86,26 @@ def run_jobs(
             source.watcher = watch_camera(viewers, period_s=period_s)
         for viewer in viewers.values():
             closing.callback(viewer.close)
+        if len(jobs) > 1 and isinstance(source, CameraStream):
+            _look_first(source)
         return {
             name: _run_job(name, job, source, viewers[name])
             for name, job in jobs.items()
         }
+
+
+def _look_first(source: CameraStream) -> None:
+    """Find the cones in all pictures before any back end is timed.
+
+    Pictures are rendered or read beside the program that takes them: the frames of
+    the back end that came first would be charged with it. A live camera has no end.
+    """
+    if source.n_frames is None:
+        return
+    with progress_bar("looking for cones", source.n_frames) as advance:
+        cones = (e for e in source.events() if isinstance(e, ConeObservations))
+        for done, _ in enumerate(cones, 1):
+            advance(done)
 
 
 def _run_job(name: str, job: Job, source: Source, viewer: Viewer) -> RunResult:
@@ -105,8 +133,10 @@ def _run_job(name: str, job: Job, source: Source, viewer: Viewer) -> RunResult:
 
 
 def print_comparison(comparison: Comparison) -> None:
-    """Print the table of figures, what is odd about them, and the verdict."""
+    """Print what spoils all figures, their table, what is odd, and the verdict."""
     out = console()
+    for alarm in comparison.alarms:
+        out.print(Text(f"Beware: {alarm}", style="bold"))
     out.print(render_table(comparison))
     for warning in comparison.warnings:
         out.print(Text(f"Note: {warning}"))
