@@ -34,7 +34,7 @@ _NEAR_M = 22.0
 _BEHIND_M = 0.5
 _GATE_CONE_NATS = 2.5
 _GATE_COSTS = GateCosts()
-_BLIND_COSTS = GateCosts(width=2.0, slant_free=1.6)
+_BLIND_COSTS = GateCosts(width_slack=0.35, width=2.0, slant_free=1.6)
 _MEND_COSTS = MendCosts()
 
 

@@ -52,7 +52,7 @@ class GateCosts:
     per_m2: float = 0.004
     long_m: float = 5.5
     per_long_m: float = 0.35
-    width_slack: float = 0.35
+    width_slack: float = 0.25
     width: float = 1.0
     slant: float = 1.0
     slant_free: float = 1.9
