@@ -79,7 +79,7 @@ def prepare(cone_map: ConeMap, roles: Roles) -> Cones:
     against = np.clip(-odds, 0.0, _MOST_AGAINST)
     sure_left, sure_right = share > _SURE
     fewest = min(np.count_nonzero(sure_left), np.count_nonzero(sure_right))
-    coloured = fewest >= max(1, len(row) // 8)
+    coloured = bool(fewest >= max(1, len(row) // 8))
     if coloured:
         # Where cones have colours, one without stands there for something else.
         against += _NO_COLOUR_NATS * ((neither > 0.5) & ~start)
