@@ -55,6 +55,7 @@ def detect(
 ) -> None:
     """Find cones in pictures; write a table and drawings."""
     from conegraph.config import load_config
+    from conegraph.eval.words import counted
     from conegraph.frontend import make_front_end
     from conegraph.io.detections_csv import DetectionsCsv
 
@@ -75,7 +76,8 @@ def detect(
     for failure in job.failures:
         print(f"conegraph: left out: {failure}", file=sys.stderr)
     shown = "" if folder is None else f", drawn in {folder}"
-    typer.echo(f"{out}: {job.cones} cones in {job.pictures} pictures{shown}")
+    cones, looked_at = counted(job.cones, "cone"), counted(job.pictures, "picture")
+    typer.echo(f"{out}: {cones} in {looked_at}{shown}")
 
 
 class _Job:
