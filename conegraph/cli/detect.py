@@ -16,6 +16,7 @@ from conegraph.cli.options import (
     with_detector,
 )
 from conegraph.errors import ConegraphError, FileFormatError
+from conegraph.eval.words import counted
 
 if TYPE_CHECKING:
     from conegraph.camera import RgbdFrame
@@ -55,7 +56,6 @@ def detect(
 ) -> None:
     """Find cones in pictures; write a table and drawings."""
     from conegraph.config import load_config
-    from conegraph.eval.words import counted
     from conegraph.frontend import make_front_end
     from conegraph.io.detections_csv import DetectionsCsv
 

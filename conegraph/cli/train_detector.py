@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from conegraph.errors import ConegraphError, MissingDependencyError
+from conegraph.eval.words import counted
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -73,7 +74,6 @@ def train_detector(
         )
     import torch
 
-    from conegraph.eval.words import counted
     from conegraph.training.batches import Crops
     from conegraph.training.export import as_onnx
     from conegraph.training.train import Plan, train
@@ -108,7 +108,6 @@ def _say_rounded(steps: int) -> None:
 
 def _own(data: Path) -> tuple[list[Sample], list[Sample]]:
     """Return the user's pictures to learn from and to test with; say how many."""
-    from conegraph.eval.words import counted
     from conegraph.training.folder import HELD_OUT_OF, read_folder, split
 
     learn, test = split(read_folder(data))
