@@ -104,9 +104,9 @@ def write_report(
         _sections(comparison, runs, metrics, truth),
         comparison.findings[1:],
     )
+    replace_text(folder / REPORT_JSON, json_text(comparison, metrics))
     replace_text(folder / "report.md", markdown_text(document))
     replace_text(folder / "report.html", html_text(document))
-    replace_text(folder / REPORT_JSON, json_text(comparison, metrics))
     return comparison
 
 

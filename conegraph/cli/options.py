@@ -83,7 +83,7 @@ def refuse_to_overwrite(results: Iterable[Path]) -> None:
     """Refuse to replace what an earlier run has finished.
 
     Args:
-        results: files that are written last.
+        results: files that only what has finished holds.
 
     Raises:
         ConegraphError: one of them is there already.
