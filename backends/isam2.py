@@ -136,7 +136,9 @@ class Isam2Backend(Tracker):
         if settled is None:
             return None
         undone = (*self._undone, *settled.revisions)
-        self.last_events = FrameEvents(revisions=undone)
+        self.last_events = FrameEvents(
+            closures=_undone_closures(undone), revisions=undone
+        )
         self._take_map(settled)
         return settled.path
 

@@ -203,6 +203,7 @@ class Pipeline:
                 if progress is not None:
                     progress(log.frames)
             smoothed, cone_map = self.backend.finish(), self.backend.cone_map()
+            log.closures += self.backend.last_events.closures
             self._viewer.finish(cone_map, smoothed)
             summary = self._summary(log, time.perf_counter() - began)
             if files is not None:

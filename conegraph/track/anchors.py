@@ -10,10 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
-from scipy.sparse import csr_array
 
 from conegraph.track.gates import GateGraph
-from conegraph.track.search import GatePath, crossing, shortest, trace
+from conegraph.track.search import LIMIT_NATS, GatePath, crossing, shortest, trace
 from conegraph.types import Array, IntArray, Mask
 
 APART_M = 14.0
@@ -22,13 +21,10 @@ SKIP_NATS = 9.0
 """What it costs to leave an anchor out."""
 END_NATS = 7.0
 """What it costs a course to begin, and to end, somewhere."""
-_LIMIT_NATS = 40.0
 _SUPPORT_M = 5.0
 _SUPPORT_NATS = 2.5
 """An anchor's lane goes on for so far, both ways, for so little."""
 _WIDTH_SLACK = 0.25
-_SHORTEST_LAP_M = 15.0
-_LAP_NATS_PER_M = 0.12
 
 
 def choose_anchors(graph: GateGraph, sure: Mask) -> IntArray:
@@ -41,25 +37,25 @@ def choose_anchors(graph: GateGraph, sure: Mask) -> IntArray:
         graph: gates and steps.
         sure: (G,) gates whose cones have the colours of their sides.
     """
-    xy = graph.xy_m
-    width = np.hypot(*(xy[graph.left] - xy[graph.right]).T)
+    gate = graph.cone[graph.left] - graph.cone[graph.right]
+    width = np.hypot(gate.real, gate.imag)
     off = np.abs(width / graph.lane_m - 1.0)
     fit = sure & (off < _WIDTH_SLACK)
     for end in (graph.left, graph.right):
-        nearest = np.full(len(xy), np.inf)
+        nearest = np.full(len(graph.cone), np.inf)
         np.minimum.at(nearest, end[sure], width[sure])
         fit &= width <= nearest[end]
     entered, left = (np.zeros(len(graph), dtype=np.bool_) for _ in range(2))
     entered[graph.head] = left[graph.tail] = True
     rows = np.flatnonzero(fit & entered & left)
     rows = rows[np.argsort(off[rows], kind="stable")]
-    middle = graph.middle_m[rows]
+    middle = graph.middle[rows]
     free = np.ones(len(rows), dtype=np.bool_)
     chosen: list[int] = []
     for k in range(len(rows)):
         if free[k]:
             chosen.append(int(rows[k]))
-            free &= np.hypot(*(middle - middle[k]).T) > APART_M
+            free &= np.abs(middle - middle[k]) > APART_M
     anchors = np.array(chosen, dtype=np.int64)
     return anchors[_goes_on(graph, anchors)]
 
@@ -68,11 +64,10 @@ def _goes_on(graph: GateGraph, rows: IntArray) -> Mask:
     """Return which gates a lane leads to from afar and leads on from; (R,)."""
     if len(rows) == 0:
         return np.zeros(0, dtype=np.bool_)
-    matrix, middle = graph.matrix(), graph.middle_m
-    far = np.hypot(*(middle[rows][:, None] - middle).transpose(2, 0, 1)) > _SUPPORT_M
+    far = np.abs(graph.middle[rows][:, None] - graph.middle) > _SUPPORT_M
     good = np.ones(len(rows), dtype=np.bool_)
-    for way in (matrix, csr_array(matrix.T)):
-        away, _ = shortest(way, rows, _SUPPORT_NATS)
+    for tail, head in ((graph.tail, graph.head), (graph.head, graph.tail)):
+        away, _ = shortest(tail, head, graph.cost, rows, len(graph), _SUPPORT_NATS)
         good &= (np.isfinite(away) & far).any(axis=1)
     return good
 
@@ -91,10 +86,7 @@ def tour(graph: GateGraph, anchors: IntArray, *, first: bool) -> GatePath | None
     away, before = _legs(graph, anchors)
     leg = np.full((m + 1, m + 1), END_NATS)
     leg[:m, :m] = away[:, n:]
-    if m > 1:
-        np.fill_diagonal(leg, SKIP_NATS)
-    else:
-        leg[0, 0] = _lone_loop(graph, anchors[0], away[0], before[0])
+    np.fill_diagonal(leg, SKIP_NATS)
     leg[m, m] = 0.0
     leg[~np.isfinite(leg)] = 1e3
     _, successor = linear_sum_assignment(leg)
@@ -114,28 +106,10 @@ def tour(graph: GateGraph, anchors: IntArray, *, first: bool) -> GatePath | None
     if not closed:
         pieces.append(anchors[order[-1:]])
     gates = np.concatenate(pieces)
-    middle = graph.middle_m[gates]
-    step = middle - np.roll(middle, 1, axis=0)
-    length = float(np.hypot(*(step if closed else step[1:]).T).sum())
+    middle = graph.middle[gates]
+    step = np.abs(middle - np.roll(middle, 1))
+    length = float((step if closed else step[1:]).sum())
     return GatePath(gates, cost, length, closed)
-
-
-def _lone_loop(graph: GateGraph, anchor: int, away: Array, before: IntArray) -> float:
-    """Return the cost of a loop through the only anchor, infinite if it is no lane.
-
-    Nothing but its length and its ease tells a lap from a turn around some cones.
-    """
-    end = len(graph)
-    if not np.isfinite(away[end]):
-        return np.inf
-    gates = trace(before, anchor, end)[:-1]
-    middle = graph.middle_m[gates]
-    length = float(np.hypot(*(middle - np.roll(middle, 1, axis=0)).T).sum())
-    shared = np.isin(graph.left[gates], graph.right[gates]).any()
-    cost = float(away[end])
-    if shared or length < _SHORTEST_LAP_M or cost > _LAP_NATS_PER_M * length:
-        return np.inf
-    return 0.0
 
 
 def _legs(graph: GateGraph, anchors: IntArray) -> tuple[Array, IntArray]:
@@ -150,9 +124,8 @@ def _legs(graph: GateGraph, anchors: IntArray) -> tuple[Array, IntArray]:
         keep &= own | ~crossing(graph, anchor)
     end = np.arange(n)
     end[anchors] = n + np.arange(m)
-    steps = (graph.tail[keep], end[graph.head[keep]])
-    matrix = csr_array((graph.cost[keep], steps), shape=(n + m, n + m))
-    return shortest(matrix, anchors, _LIMIT_NATS)
+    steps = (graph.tail[keep], end[graph.head[keep]], graph.cost[keep])
+    return shortest(*steps, anchors, n + m, LIMIT_NATS)
 
 
 def _patched(leg: Array, successor: IntArray) -> IntArray:
@@ -202,4 +175,4 @@ def _course(successor: IntArray, first: bool) -> tuple[list[int], bool]:
     if end in best:
         cut = best.index(end)
         return best[cut + 1 :] + best[:cut], False
-    return best, len(best) > 1 or end == 1
+    return best, len(best) > 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -33,7 +34,7 @@ _NEAR_M = 22.0
 _BEHIND_M = 0.5
 _GATE_CONE_NATS = 2.5
 _GATE_COSTS = GateCosts()
-_BLIND_COSTS = GateCosts(width=2.0, slant_free=1.6)
+_BLIND_COSTS = GateCosts(width_slack=0.35, width=2.0, slant_free=1.6)
 _MEND_COSTS = MendCosts()
 
 
@@ -131,23 +132,24 @@ def _search(cones: Cones, pose: Array | None, lane_m: float) -> Lane | None:
         return None
     anchors = np.zeros(0, dtype=np.int64)
     if cones.coloured and _reaches_far(cones, pose):
-        sure = np.zeros((2, len(graph.xy_m)), dtype=np.bool_)
+        sure = np.zeros((2, len(graph.cone)), dtype=np.bool_)
         sure[0, : len(cones)], sure[1, : len(cones)] = cones.sure_left, cones.sure_right
         anchors = choose_anchors(graph, sure[0][graph.left] & sure[1][graph.right])
     if car is not None and pose is not None:
-        away = np.hypot(*(graph.middle_m[anchors] - pose[:2]).T)
+        away = np.abs(graph.middle[anchors] - complex(*pose[:2]))
         anchors = np.concatenate([[car], anchors[away > _NEAR_M]])
     if len(anchors) == 0:
         return None
-    course = tour(graph, anchors, first=car is not None)
+    alone = len(anchors) == 1
+    course = None if alone else tour(graph, anchors, first=car is not None)
     if course is None:
         course = GatePath(anchors[:1], 0.0, 0.0, False)
     if not course.closed:
-        course = _extended(graph, course, cones.coloured)
-    start_m = None
+        course = _extended(graph, course, cones.coloured, alone)
+    start = None
     if car is None and cones.start.any():
-        start_m = np.median(cones.xy_m[cones.start], axis=0)
-    return _lane(graph, course, len(cones), start_m)
+        start = complex(*np.median(cones.xy_m[cones.start], axis=0))
+    return _lane(graph, course, len(cones), start)
 
 
 def _reaches_far(cones: Cones, pose: Array | None) -> bool:
@@ -180,41 +182,41 @@ def _graph(
     return graph, int(at[0]) if len(at) else None
 
 
-def _extended(graph: GateGraph, course: GatePath, coloured: bool) -> GatePath:
-    """Return an open course with what lies before its first and after its last gate."""
-    doubt = _DOUBT_M if coloured else _BLIND_DOUBT_M
-    horizon_m = _HORIZON_M if coloured else _BLIND_HORIZON_M
-    bend = _BEND if coloured else _BLIND_BEND
-    first, last = int(course.gates[0]), int(course.gates[-1])
-    ahead = find_lane(
-        graph, last, doubt=doubt, horizon_m=horizon_m, bend=bend, used=course.gates
-    )
-    used = np.concatenate([course.gates, ahead.gates])
-    behind = find_lane(
+def _extended(
+    graph: GateGraph, course: GatePath, coloured: bool, may_close: bool
+) -> GatePath:
+    """Return an open course with what lies before its first and after its last gate.
+
+    Or, if it may close, the lap through its last gate.
+    """
+    find = partial(
+        find_lane,
         graph,
-        first,
-        doubt=doubt,
-        horizon_m=horizon_m,
-        bend=bend,
-        backward=True,
-        used=used,
+        doubt=_DOUBT_M if coloured else _BLIND_DOUBT_M,
+        horizon_m=_HORIZON_M if coloured else _BLIND_HORIZON_M,
+        bend=_BEND if coloured else _BLIND_BEND,
     )
-    gates = np.concatenate([behind.gates[:-1], course.gates, ahead.gates[1:]])
-    return replace(
-        course,
-        gates=gates,
-        cost=behind.cost + course.cost + ahead.cost,
-        length_m=behind.length_m + course.length_m + ahead.length_m,
+    first, last = int(course.gates[0]), int(course.gates[-1])
+    ahead = find(last, used=course.gates, may_close=may_close)
+    if ahead.closed:
+        return ahead
+    used = np.concatenate([course.gates, ahead.gates])
+    behind = find(first, used=used, backward=True)
+    return GatePath(
+        np.concatenate([behind.gates[:-1], course.gates, ahead.gates[1:]]),
+        behind.cost + course.cost + ahead.cost,
+        behind.length_m + course.length_m + ahead.length_m,
+        closed=False,
     )
 
 
-def _lane(graph: GateGraph, course: GatePath, n: int, start_m: Array | None) -> Lane:
+def _lane(graph: GateGraph, course: GatePath, n: int, start: complex | None) -> Lane:
     """Return the boundaries along a course, a loop from its start; no cones of air."""
     left, right = graph.left[course.gates], graph.right[course.gates]
     real = (left < n) & (right < n)
     gates = np.stack([left[real], right[real]], axis=1)
-    if course.closed and start_m is not None and len(gates):
-        away = np.hypot(*(graph.middle_m[course.gates] - start_m).T)
+    if course.closed and start is not None and len(gates):
+        away = np.abs(graph.middle[course.gates] - start)
         turn = -int(np.argmin(away))
         left, right, gates = (np.roll(x, turn, axis=0) for x in (left, right, gates))
     chains = [_chain(side[side < n], course.closed) for side in (left, right)]

@@ -11,9 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.spatial import Delaunay, QhullError, cKDTree
+from scipy.spatial import Delaunay, QhullError
+from scipy.spatial.distance import cdist
 
+from conegraph.track.nearest import Nearest
+from conegraph.track.plane import Points, distinct, median, outer, points
 from conegraph.types import Array, IntArray, Mask
 
 _NEIGHBOURS = 6
@@ -50,7 +52,7 @@ class GateCosts:
     per_m2: float = 0.004
     long_m: float = 5.5
     per_long_m: float = 0.35
-    width_slack: float = 0.35
+    width_slack: float = 0.25
     width: float = 1.0
     slant: float = 1.0
     slant_free: float = 1.9
@@ -62,18 +64,20 @@ class GateGraph:
     """Gates and the steps between them.
 
     Attributes:
-        xy_m: (N, 2) cones.
+        cone: (N,) cones.
         left: (G,) left cone of each gate.
         right: (G,) right cone.
+        middle: (G,) its middle.
         tail: (T,) gate that a step leaves.
         head: (T,) gate that it reaches.
         cost: (T,) in nats.
         lane_m: usual width of the lane.
     """
 
-    xy_m: Array
+    cone: Points
     left: IntArray
     right: IntArray
+    middle: Points
     tail: IntArray
     head: IntArray
     cost: Array
@@ -81,19 +85,6 @@ class GateGraph:
 
     def __len__(self) -> int:
         return len(self.left)
-
-    @property
-    def middle_m(self) -> Array:
-        """(G, 2) middles of the gates."""
-        return np.asarray(0.5 * (self.xy_m[self.left] + self.xy_m[self.right]))
-
-    def matrix(self, keep: Mask | None = None) -> csr_array:
-        """Return the steps, or those to keep, as a sparse matrix of costs."""
-        tail, head, cost = self.tail, self.head, self.cost
-        if keep is not None:
-            tail, head, cost = tail[keep], head[keep], cost[keep]
-        n = len(self.left)
-        return csr_array((cost, (tail, head)), shape=(n, n))
 
 
 def lane_width(xy_m: Array, left: Mask, right: Mask) -> float:
@@ -104,9 +95,9 @@ def lane_width(xy_m: Array, left: Mask, right: Mask) -> float:
     only_left, only_right = left & ~right, right & ~left
     if min(only_left.sum(), only_right.sum()) < 2:
         return _USUAL_LANE_M
-    a, b = xy_m[only_left], xy_m[only_right]
-    away = np.concatenate([cKDTree(b).query(a)[0], cKDTree(a).query(b)[0]])
-    return float(np.clip(np.median(away), *_LANE_BOUNDS_M))
+    away = cdist(xy_m[only_left], xy_m[only_right])
+    usual = median(np.concatenate([away.min(axis=1), away.min(axis=0)]))
+    return min(max(usual, _LANE_BOUNDS_M[0]), _LANE_BOUNDS_M[1])
 
 
 def gate_graph(
@@ -127,27 +118,30 @@ def gate_graph(
         lane_m: usual width of the lane.
         costs: what makes a step unlikely.
     """
-    sides = (np.flatnonzero(left), np.flatnonzero(right))
+    n, cone = len(xy_m), points(xy_m)
     gate_l, gate_r = _gates(xy_m, left, right, lane_m)
-    n = len(xy_m)
-    index = np.full((n, n), -1, dtype=np.int32)
+    index = np.full((n, n), -1, dtype=np.int64)
     index[gate_l, gate_r] = np.arange(len(gate_l))
-    bystanders = _nearest_table(xy_m, _BYSTANDERS)
-    parts = []
-    for side in (0, 1):
-        move, stay = (gate_l, gate_r) if side == 0 else (gate_r, gate_l)
-        gate, fresh = _expand(move, *_followers(xy_m, sides[side], n))
-        head = (index if side == 0 else index.T)[fresh, stay[gate]]
-        there = head >= 0
-        gate, fresh, head = gate[there], fresh[there], head[there]
-        corner = np.stack([move[gate], fresh, stay[gate]])
-        cost = _step_costs(xy_m, corner, side, lane_m, costs, bystanders)
-        sound = np.isfinite(cost)
-        cost += against[side][fresh]
-        parts.append((gate[sound], head[sound], cost[sound]))
-    tail, head, cost = (np.concatenate(p) for p in zip(*parts, strict=True))
-    ends = head.astype(np.int64)
-    return GateGraph(xy_m, gate_l, gate_r, tail, ends, cost, lane_m)
+    # Each gate may move on either side; a cone on the right counts as cone + N.
+    move, stay = np.append(gate_l, gate_r + n), np.append(gate_r, gate_l)
+    gate, new = _expand(move, *_followers(xy_m, left, right))
+    old, wait, on_right = move[gate] % n, stay[gate], move[gate] >= n
+    head = np.where(on_right, index[wait, new], index[new, wait])
+    there = head >= 0
+    tail, head, old, new, wait, side_of = (
+        x[there] for x in (gate % len(gate_l), head, old, new, wait, 1 * on_right)
+    )
+    sign = 1 - 2 * side_of
+    cost = _step_costs(cone, (old, new, wait), sign, lane_m, costs)
+    rows = np.flatnonzero(np.isfinite(cost))
+    corner = np.stack([old[rows], new[rows], wait[rows]])
+    bystanders = Nearest(xy_m).some(xy_m, _BYSTANDERS + 1)[1][:, 1:]
+    cost[rows] += costs.inside * _any_inside(cone, corner, bystanders, sign[rows])
+    cost += against[side_of, new]
+    middle = 0.5 * (cone[gate_l] + cone[gate_r])
+    return GateGraph(
+        cone, gate_l, gate_r, middle, tail[rows], head[rows], cost[rows], lane_m
+    )
 
 
 def _gates(
@@ -160,16 +154,13 @@ def _gates(
     """
     n = len(xy)
     rows, columns = np.flatnonzero(left), np.flatnonzero(right)
-    k = np.arange(1, min(_GATE_NEIGHBOURS + 1, len(columns)) + 1)
-    away, near = cKDTree(xy[columns]).query(
-        xy[rows], k=k, distance_upper_bound=max(_GATE_LANES * lane_m, 2.0)
-    )
-    row, column = np.nonzero(np.isfinite(away))
+    away, near = Nearest(xy[columns]).some(xy[rows], _GATE_NEIGHBOURS + 1)
+    row, column = np.nonzero(away < max(_GATE_LANES * lane_m, 2.0))
     a, b = neighbours(xy)
     a, b = np.concatenate([a, b]), np.concatenate([b, a])
     fit = left[a] & right[b]
-    near_key = rows[row] * n + columns[np.asarray(near)[row, column]]
-    key = np.unique(np.concatenate([near_key, a[fit] * n + b[fit]]))
+    near_key = rows[row] * n + columns[near[row, column]]
+    key = distinct(np.concatenate([near_key, a[fit] * n + b[fit]]))
     a, b = key // n, key % n
     length = np.hypot(*(xy[a] - xy[b]).T)
     fit = (length > 0.3 * lane_m) & (length < BRIDGE_M)
@@ -186,36 +177,26 @@ def neighbours(xy: Array) -> tuple[IntArray, IntArray]:
     except QhullError:
         a = np.argsort(xy @ (1.0, 1.0), kind="stable")
         return a[:-1], a[1:]
-    return corner.ravel(), np.roll(corner, 1, axis=1).ravel()
+    return corner.ravel(), corner[:, [2, 0, 1]].ravel()
 
 
-def _nearest_table(xy: Array, k: int) -> IntArray:
-    """Return the k nearest others of each cone; (N, k), itself where there is none."""
-    n = len(xy)
-    _, near = cKDTree(xy).query(xy, k=np.arange(2, k + 2))
-    return np.asarray(np.where(near < n, near, np.arange(n)[:, None]))
+def _followers(xy: Array, left: Mask, right: Mask) -> tuple[IntArray, IntArray]:
+    """Return who may follow whom, as (2 N + 1,) offsets and cones: left, then right.
 
-
-def _followers(xy: Array, side: IntArray, n: int) -> tuple[IntArray, IntArray]:
-    """Return who may follow whom on a side, as (N + 1,) offsets and cones.
-
-    The nearest cones, and across gaps the neighbours in a triangulation of the side.
+    The nearest cones of a side, and across gaps the neighbours in its triangulation.
     """
-    points = xy[side]
-    m = len(points)
-    a, b = neighbours(points)
-    near_by = np.hypot(*(points[a] - points[b]).T) < BRIDGE_M
-    pairs = [np.stack([a[near_by], b[near_by]])]
-    if m > 1:
-        k = np.arange(2, min(_NEIGHBOURS + 1, m) + 1)
-        away, near = cKDTree(points).query(points, k=k, distance_upper_bound=_STEP_M)
-        row, column = np.nonzero(np.isfinite(away))
-        pairs.append(np.stack([row, np.asarray(near)[row, column]]))
-    a, b = np.concatenate(pairs, axis=1)
-    a, b = np.concatenate([a, b]), np.concatenate([b, a])
-    key = np.unique(side[a] * n + side[b])
-    offsets = np.searchsorted(key, np.arange(n + 1) * n)
-    return offsets, key % n
+    n, keys = len(xy), []
+    for offset, side in ((0, np.flatnonzero(left)), (n, np.flatnonzero(right))):
+        own = xy[side]
+        a, b = neighbours(own)
+        near_by = np.hypot(*(own[a] - own[b]).T) < BRIDGE_M
+        away, near = Nearest(own).some(own, _NEIGHBOURS + 1)
+        row, column = np.nonzero(away[:, 1:] < _STEP_M)
+        a = side[np.concatenate([a[near_by], row])]
+        b = side[np.concatenate([b[near_by], near[row, column + 1]])]
+        keys += [(a + offset) * n + b, (b + offset) * n + a]
+    key = distinct(np.concatenate(keys))
+    return np.searchsorted(key, np.arange(2 * n + 1) * n), key % n
 
 
 def _expand(
@@ -229,46 +210,45 @@ def _expand(
 
 
 def _step_costs(
-    xy: Array,
-    corner: IntArray,
-    side: int,
+    cone: Points,
+    corner: tuple[IntArray, IntArray, IntArray],
+    sign: IntArray,
     lane_m: float,
     costs: GateCosts,
-    bystanders: IntArray,
 ) -> Array:
-    """Return the cost of steps with corners (3, T): old, new and waiting cone.
+    """Return the cost of steps from an old to a new cone while a third waits; (T,).
 
     Infinite where the new cone does not lie ahead of the gate. The lane's width is
     the height of the triangle over the step: the gates themselves slant.
+
+    Args:
+        cone: (N,) cones.
+        corner: (T,) old, new and waiting cones.
+        sign: (T,) 1 for steps on the left, -1 on the right.
+        lane_m: usual width of the lane.
+        costs: what makes a step unlikely.
     """
-    old, new, wait = (xy[c] for c in corner)
-    step, gate, old_gate = new - old, new - wait, old - wait
-    length = np.hypot(*step.T)
-    area = step[:, 0] * old_gate[:, 1] - step[:, 1] * old_gate[:, 0]
-    area = area if side == 0 else -area
+    old, new, wait = (cone[c] for c in corner)
+    step, gate = new - old, new - wait
+    length = np.hypot(step.real, step.imag)
+    area = sign * outer(step, old - wait)
     width = area / np.maximum(length, 1e-6) / lane_m
-    slack = costs.width_slack
-    off = np.maximum(np.abs(width - 1.0) / slack - 1.0, 0.0)
-    slant = np.hypot(*gate.T) / lane_m - costs.slant_free
+    off = np.maximum(np.abs(width - 1.0) / costs.width_slack - 1.0, 0.0)
+    slant = np.hypot(gate.real, gate.imag) / lane_m - costs.slant_free
     cost = costs.per_step + costs.per_m2 * length**2 + costs.width * off**2
     cost += costs.per_long_m * np.maximum(length - costs.long_m, 0.0)
     cost += costs.slant * np.maximum(slant, 0.0)
-    sound = (width > 0.2) & (length > 1e-3)
-    cost[~sound] = np.inf
-    rows = np.flatnonzero(sound)
-    inside = _any_inside(xy, corner[:, rows], bystanders, 1 if side == 0 else -1)
-    cost[rows] += costs.inside * inside
-    return np.asarray(cost)
+    return np.where((width > 0.2) & (length > 1e-3), cost, np.inf)
 
 
-def _any_inside(xy: Array, corner: IntArray, bystanders: IntArray, turn: int) -> Mask:
-    """Return whether a cone near a corner stands inside the triangle; (T,)."""
-    near = np.concatenate([bystanders[c] for c in corner], axis=1)
+def _any_inside(
+    cone: Points, corner: IntArray, bystanders: IntArray, sign: IntArray
+) -> Mask:
+    """Return whether a cone near a corner (3, T) stands inside the triangle; (T,)."""
+    near = cone[bystanders[corner]]
     inside = np.ones(near.shape, dtype=np.bool_)
-    x, y = xy[:, 0][near], xy[:, 1][near]
     for a, b in ((0, 1), (1, 2), (2, 0)):
-        start, end = xy[corner[a]], xy[corner[b]]
-        edge = turn * (end - start)
-        right = edge[:, :1] * (y - start[:, 1:]) - edge[:, 1:] * (x - start[:, :1])
-        inside &= right < -1e-6
-    return np.asarray(inside.any(axis=1))
+        start = cone[corner[a]]
+        edge = sign * (cone[corner[b]] - start)
+        inside &= outer(edge[:, None], near - start[:, None]) < -1e-6
+    return np.asarray(inside.any(axis=(0, 2)))

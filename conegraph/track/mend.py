@@ -12,10 +12,18 @@ from dataclasses import dataclass
 import numpy as np
 from shapely import LinearRing, LineString
 
+from conegraph.track.plane import Points, inner, outer, points, turn
 from conegraph.types import Array, IntArray, Mask
 
 _ROUNDS = 6
 _UNTANGLES = 8
+_NONE = np.full(2, np.nan, dtype=np.complex128)
+_TURNS_WITHOUT = np.array([(0, 1, 2), (1, 2, 3), (2, 3, 4), (0, 1, 3), (1, 3, 4)]).T
+_STEPS_WITHOUT = np.array([(1, 2), (2, 3), (1, 3)]).T
+"""Turns and steps among five cones in a row, and then without the third of them."""
+_TURNS_WITH = np.array([(0, 1, 2), (1, 2, 3), (0, 1, 4), (1, 4, 2), (4, 2, 3)]).T
+_STEPS_WITH = np.array([(1, 2), (1, 4), (4, 2)]).T
+"""Among four cones in a row, and then with a fifth in their midst."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,9 +174,9 @@ def removal_gain(
 ) -> Array:
     """Return what a boundary gains by leaving out each of its cones; (K,)."""
     p = _padded(xy[chain], closed)
-    a2, a, b, c, c2 = (p[k : k + len(chain)] for k in range(5))
-    bend = _bend((a2, a, b, a2, a), (a, b, c, a, c), (b, c, c2, c, c2), costs)
-    long = _long((a, b, a), (b, c, c), costs)
+    around = p[np.arange(5)[:, None] + np.arange(len(chain))]
+    bend = _bend(around[_TURNS_WITHOUT], costs)
+    long = _long(around[_STEPS_WITHOUT], costs)
     now = bend[0] + bend[1] + bend[2] + long[0] + long[1]
     then = bend[3] + bend[4] + long[2]
     worth = costs.left_out - against[chain]
@@ -190,12 +198,12 @@ def _put_in(
         return chain
     p = _padded(xy[chain], closed)
     count = len(chain) if closed else len(chain) - 1
-    a2, a, c, c2 = (p[k : k + count] for k in range(1, 5))
-    cone, slot = np.nonzero(_beside(xy[spare], a, c, costs.reach_m))
-    u = xy[spare[cone]]
-    a2, a, c, c2 = a2[slot], a[slot], c[slot], c2[slot]
-    bend = _bend((a2, a, a2, a, u), (a, c, a, u, c), (c, c2, u, c, c2), costs)
-    long = _long((a, a, u), (c, u, c), costs)
+    around = p[np.arange(1, 5)[:, None] + np.arange(count)]
+    free = points(xy[spare])
+    cone, slot = np.nonzero(_beside(free, around[1], around[2], costs.reach_m))
+    around = np.vstack([around[:, slot], free[cone]])
+    bend = _bend(around[_TURNS_WITH], costs)
+    long = _long(around[_STEPS_WITH], costs)
     now = bend[0] + bend[1] + long[0]
     then = bend[2] + bend[3] + bend[4] + long[1] + long[2]
     gain = costs.left_out - against[spare[cone]] + now - then
@@ -212,42 +220,42 @@ def _put_in(
     return np.insert(chain, at + 1, np.array(list(slots.values()), dtype=np.int64))
 
 
-def _beside(xy: Array, start: Array, end: Array, reach_m: float) -> Mask:
-    """Return which points (U,) stand beside which segments (S,); (U, S)."""
+def _beside(cone: Points, start: Points, end: Points, reach_m: float) -> Mask:
+    """Return which cones (U,) stand beside which segments (S,); (U, S)."""
     edge = end - start
-    length = np.maximum(np.hypot(*edge.T), 1e-9)
-    away = xy[:, None] - start
-    along = (away * edge).sum(axis=2) / length
-    across = np.abs(away[..., 0] * edge[:, 1] - away[..., 1] * edge[:, 0]) / length
+    length = np.maximum(np.abs(edge), 1e-9)
+    away = cone[:, None] - start
+    along = inner(edge, away) / length
+    across = np.abs(outer(edge, away)) / length
     slack = 0.1 * length
     return np.asarray((along > -slack) & (along < length + slack) & (across < reach_m))
 
 
-def _padded(points: Array, closed: bool) -> Array:
+def _padded(xy: Array, closed: bool) -> Points:
     """Return the points with two more at either end: of the loop, or NaN."""
-    if closed and len(points) > 1:
-        return np.concatenate([points[-2:], points, points[:2]])
-    none = np.full((2, 2), np.nan)
-    return np.concatenate([none, points, none])
+    p = points(xy)
+    if closed and len(p) > 1:
+        return np.concatenate([p[-2:], p, p[:2]])
+    return np.concatenate([_NONE, p, _NONE])
 
 
-Points = tuple[Array, ...]
+def _bend(corners: Points, costs: MendCosts) -> Array:
+    """Return the costs (M, K) of turns at the second of three corners (3, M, K).
 
-
-def _bend(a: Points, b: Points, c: Points, costs: MendCosts) -> Array:
-    """Return the costs (M, K) of turns at b; 0 where a neighbour is missing."""
-    middle = np.stack(b)
-    u, v = middle - np.stack(a), np.stack(c) - middle
-    ux, uy, vx, vy = u[..., 0], u[..., 1], v[..., 0], v[..., 1]
-    turn = np.arctan2(ux * vy - uy * vx, ux * vx + uy * vy)
-    short = np.sqrt(np.minimum(ux * ux + uy * uy, vx * vx + vy * vy))
-    bend = np.hypot(turn, costs.free_rad) - costs.free_rad
-    cost = costs.bend * bend * np.minimum(short / costs.short_m, 1.0) ** 2
+    It is 0 where one is missing.
+    """
+    a, b, c = corners
+    u, v = b - a, c - b
+    bend = np.hypot(turn(u, v), costs.free_rad) - costs.free_rad
+    short = np.minimum(np.abs(u), np.abs(v)) / costs.short_m
+    cost = costs.bend * bend * np.minimum(short, 1.0) ** 2
     return np.where(cost == cost, cost, 0.0)
 
 
-def _long(a: Points, b: Points, costs: MendCosts) -> Array:
-    """Return the costs (M, K) of long steps; 0 where an end is missing."""
-    step = np.stack(b) - np.stack(a)
-    excess = np.hypot(step[..., 0], step[..., 1]) - costs.long_m
+def _long(ends: Points, costs: MendCosts) -> Array:
+    """Return the costs (M, K) of long steps by their ends (2, M, K).
+
+    It is 0 where one is missing.
+    """
+    excess = np.abs(ends[1] - ends[0]) - costs.long_m
     return np.where(excess > 0.0, costs.per_long_m * excess, 0.0)

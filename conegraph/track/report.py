@@ -6,11 +6,12 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from conegraph.track.cones import Cones
 from conegraph.track.mend import are_simple
 from conegraph.track.model import Bridge, CenterLine, Relabelled, Track, Unused
+from conegraph.track.nearest import Nearest
+from conegraph.track.plane import median
 from conegraph.track.road import signed_area
 from conegraph.types import Array, ConeClass, ConeMap, IntArray, Mask
 
@@ -48,7 +49,7 @@ def finished(
     folded = not are_simple(xy, left, right, closed)
     folded |= bool((signed_area(xy, triangles) <= 0).any())
     width = line.left_m + line.right_m
-    spread = float(np.std(width) / np.mean(width))
+    spread = float(width.std() / width.mean())
     factors = {
         "boundaries cross": 0.1 if folded else 1.0,
         "few cones": min(1.0, count / _ENOUGH_CONES),
@@ -81,7 +82,7 @@ def finished(
         confidence,
         reason,
         length,
-        float(np.median(width)),
+        median(width),
         unused,
         wrong,
         tuple(bridges),
@@ -104,10 +105,10 @@ def _unused(
     if len(rows) == 0:
         return cones.unused
     edge = cones.xy_m[np.concatenate([left, right])]
-    away, near = cKDTree(edge).query(cones.xy_m[rows])
+    away, near = Nearest(edge).one(cones.xy_m[rows])
     inside = _inside(cones.xy_m[rows], cones.xy_m, triangles)
     told = []
-    found = zip(rows, np.asarray(away), np.asarray(near), inside, strict=True)
+    found = zip(rows, away, near, inside, strict=True)
     for row, metres, other, within in found:
         side = 0 if other < len(left) else 1
         if within:
@@ -153,13 +154,12 @@ def _relabelled(
 def _bridges(
     ids: IntArray, xy: Array, chain: IntArray, closed: bool, side: str
 ) -> list[Bridge]:
-    following = np.roll(chain, -1)
-    if not closed:
-        chain, following = chain[:-1], following[:-1]
+    following = np.append(chain[1:], chain[: int(closed)])
+    chain = chain[: len(following)]
     if len(chain) == 0:
         return []
     gap = np.hypot(*(xy[following] - xy[chain]).T)
-    wide = np.flatnonzero(gap > max(_GAP_RATIO * float(np.median(gap)), _LEAST_GAP_M))
+    wide = np.flatnonzero(gap > max(_GAP_RATIO * median(gap), _LEAST_GAP_M))
     return [
         Bridge(side, int(ids[chain[k]]), int(ids[following[k]]), float(gap[k]))
         for k in wide.tolist()

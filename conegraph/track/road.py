@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from conegraph.track.plane import distinct
 from conegraph.types import Array, IntArray
 
 _NEGATIVE = 1e3
@@ -92,16 +93,13 @@ def _knots(
         end_i, end_j = (i == 0) & (2 * j > last[1]), (j == 0) & (2 * i > last[0])
         i, j = np.where(end_i, last[0], i), np.where(end_j, last[1], j)
     width = int(last[1]) + 1
-    key = np.unique(i[known] * width + j[known])
+    ends = [0, int(last[0]) * width + int(last[1])]
+    key = distinct(np.append(i[known] * width + j[known], ends))
     found = np.stack([key // width, key % width], axis=1)
-    found = np.concatenate([[[0, 0]], found, [last]])
     # What falls behind the highest place so far would fold the strip.
     rising = found[:, 1] >= np.maximum.accumulate(found[:, 1])
     low = np.minimum.accumulate(found[::-1, 1])[::-1]
-    rising &= found[:, 1] <= low
-    found = found[rising]
-    fresh = np.concatenate([[True], (np.diff(found, axis=0) != 0).any(axis=1)])
-    return np.asarray(found[fresh])
+    return np.asarray(found[rising & (found[:, 1] <= low)])
 
 
 def _strip(xy: Array, left: IntArray, right: IntArray, knots: IntArray) -> IntArray:

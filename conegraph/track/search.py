@@ -9,6 +9,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from conegraph.track.gates import GateGraph
+from conegraph.track.plane import turn
 from conegraph.types import Array, IntArray, Mask
 
 _FENCE_LANES = 0.8
@@ -16,6 +17,10 @@ _FENCE_LANES = 0.8
 around one of them crosses it, the next leg of the course does not."""
 _SHARPEST_M = 4.5
 _FREE_TURN_RAD = 0.15
+LIMIT_NATS = 40.0
+"""Courses that cost more between two gates beyond doubt are not sought."""
+_SHORTEST_LAP_M = 15.0
+_LAP_NATS_PER_M = 0.12
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,10 +41,30 @@ class GatePath:
 
 
 def shortest(
-    steps: csr_array, start: IntArray, limit: float = np.inf
+    tail: IntArray,
+    head: IntArray,
+    cost: Array,
+    start: IntArray,
+    nodes: int,
+    limit: float = np.inf,
 ) -> tuple[Array, IntArray]:
-    """Return costs (S, G) from each start, infinite beyond, and predecessors (S, G)."""
-    away, before = dijkstra(steps, indices=start, return_predecessors=True, limit=limit)
+    """Return costs (S, N) from each start, infinite beyond, and predecessors (S, N).
+
+    Args:
+        tail: (T,) node that a step leaves.
+        head: (T,) node that it reaches.
+        cost: (T,) of the step.
+        start: (S,) nodes to start from.
+        nodes: how many there are, N.
+        limit: the highest cost to follow.
+    """
+    order = np.lexsort((head, tail))
+    first = np.searchsorted(tail[order], np.arange(nodes + 1))
+    data = (cost[order], head[order], first)
+    matrix: csr_array = csr_array(data, shape=(nodes, nodes))
+    away, before = dijkstra(
+        matrix, indices=start, return_predecessors=True, limit=limit
+    )
     return np.asarray(away), np.asarray(before, dtype=np.int64)
 
 
@@ -49,9 +74,10 @@ def find_lane(
     *,
     doubt: float,
     horizon_m: float,
-    bend: float = 0.0,
+    bend: float,
+    used: IntArray,
     backward: bool = False,
-    used: IntArray | None = None,
+    may_close: bool = False,
 ) -> GatePath:
     """Return the open lane from a gate that goes farthest for its cost.
 
@@ -66,90 +92,94 @@ def find_lane(
         horizon_m: how far ahead lane is worth much.
         bend: nats for each rad by which the middle of the lane turns sharper than a
             car can.
-        backward: look for what lies before the start; the path still ends in it.
         used: gates of the course that is known; their cones are not used again.
+        backward: look for what lies before the start; the path still ends in it.
+        may_close: return the lap through the start instead, where there is one.
     """
-    keep = ~crossing(graph, start)
-    if used is not None:
-        keep &= _fresh(graph, start, used)
-    keep |= (graph.tail if not backward else graph.head) == start
-    matrix = graph.matrix(keep)
-    way = csr_array(matrix.T) if backward else matrix
-    (away,), (before,) = shortest(way, np.array([start]))
-    length, sound = _lengths(graph, away, before)
-    away = away + bend * _bends(graph, away, before) if bend else away
-    worth = -horizon_m * np.expm1(-length / horizon_m)
-    score = np.where(sound, worth - doubt * np.where(sound, away, 0.0), -np.inf)
-    score[start] = 0.0
-    end = int(np.argmax(score))
-    gates = trace(before, start, end)
-    return GatePath(
-        gates[::-1] if backward else gates, float(away[end]), float(length[end]), False
+    tail, head = (graph.head, graph.tail) if backward else (graph.tail, graph.head)
+    first = tail == start
+    if not first.any():
+        return GatePath(np.array([start]), 0.0, 0.0, False)
+    keep = first | ~crossing(graph, start) & _fresh(graph, start, used)
+    away, before = shortest(
+        tail[keep], head[keep], graph.cost[keep], np.array([start]), len(graph)
     )
+    tree = away[0], before[0]
+    if may_close and (lap := _lap(graph, start, *tree)) is not None:
+        return lap
+    length, excess, sound = _followed(graph, start, *tree)
+    total = np.where(sound, away[0] + bend * excess, 0.0)
+    worth = -horizon_m * np.expm1(-length / horizon_m)
+    score = np.where(sound, worth - doubt * total, -np.inf)
+    end = int(np.argmax(score))
+    gates = trace(before[0], start, end)
+    gates = gates[::-1] if backward else gates
+    return GatePath(gates, float(total[end]), float(length[end]), False)
+
+
+def _lap(
+    graph: GateGraph, start: int, away: Array, before: IntArray
+) -> GatePath | None:
+    """Return the cheapest loop through a gate by the tree from it, if it is a lap.
+
+    Nothing but its length and its ease tells a lap from a turn around some cones.
+    """
+    into = np.flatnonzero(graph.head == start)
+    total = away[graph.tail[into]] + graph.cost[into]
+    if len(into) == 0 or not np.isfinite(total.min()):
+        return None
+    best = int(np.lexsort((away[graph.tail[into]], total))[0])
+    gates = trace(before, start, int(graph.tail[into[best]]))
+    middle = graph.middle[gates]
+    length = float(np.abs(middle - np.roll(middle, 1)).sum())
+    shared = np.isin(graph.left[gates], graph.right[gates]).any()
+    dear = total[best] > min(_LAP_NATS_PER_M * length, LIMIT_NATS)
+    if shared or length < _SHORTEST_LAP_M or dear:
+        return None
+    return GatePath(gates, 0.0, length, True)
 
 
 def _fresh(graph: GateGraph, start: int, used: IntArray) -> Mask:
     """Return which steps use no cone of used gates, but those of the start; (T,)."""
-    spent = np.zeros(len(graph.xy_m), dtype=np.bool_)
+    spent = np.zeros(len(graph.cone), dtype=np.bool_)
     spent[graph.left[used]] = spent[graph.right[used]] = True
     spent[[graph.left[start], graph.right[start]]] = False
     gone = spent[graph.left] | spent[graph.right]
     return ~(gone[graph.tail] | gone[graph.head])
 
 
-def _bends(graph: GateGraph, away: Array, before: IntArray) -> Array:
-    """Return how much sharper than a car can each gate's path turns in all; rad (G,).
+def _followed(
+    graph: GateGraph, start: int, away: Array, before: IntArray
+) -> tuple[Array, Array, Mask]:
+    """Return what the path to each gate is like: length, excess, soundness; (G,) each.
 
-    Directions are taken over two steps, in which both sides usually move.
+    The length is along the middles; the excess is by how many rad it turns sharper
+    than a car can, taken over two steps, in which both sides usually move. It is
+    sound if it is a lane: one that comes back to one of its cones is none.
     """
-    middle = graph.middle_m
-    root = np.flatnonzero(away == 0)[:1]
-    parent = np.where(before >= 0, before, root)
-    grand = parent[parent]
-    way = middle - middle[grand]
-    old = way[parent]
-    turn = np.arctan2(
-        old[:, 0] * way[:, 1] - old[:, 1] * way[:, 0], (old * way).sum(axis=1)
-    )
-    step = np.hypot(*(middle - middle[parent]).T)
-    excess = np.maximum(np.abs(turn) - step / _SHARPEST_M - _FREE_TURN_RAD, 0.0)
-    reached = np.flatnonzero(np.isfinite(away) & (before >= 0))
+    reached = np.flatnonzero(before >= 0)
     reached = reached[np.argsort(away[reached], kind="stable")]
-    total = [0.0] * len(away)
-    for gate, u, more in zip(
-        reached.tolist(),
-        parent[reached].tolist(),
-        excess[reached].tolist(),
-        strict=True,
-    ):
-        total[gate] = total[u] + more
-    return np.array(total)
-
-
-def _lengths(graph: GateGraph, away: Array, before: IntArray) -> tuple[Array, Mask]:
-    """Return how far each gate is along its path, and whether the path is a lane.
-
-    A lane that comes back to one of its cones, on either side, is none.
-    """
-    middle = graph.middle_m
-    reached = np.flatnonzero(np.isfinite(away) & (before >= 0))
-    reached = reached[np.argsort(away[reached], kind="stable")]
-    previous = before[reached]
-    step = np.hypot(*(middle[reached] - middle[previous]).T)
-    stays = graph.left[reached] == graph.left[previous]
-    fresh = np.where(stays, graph.right[reached], graph.left[reached])
-    length = [0.0] * len(away)
-    cones = [0] * len(away)
-    for root in np.flatnonzero(away == 0).tolist():
-        cones[root] = 1 << int(graph.left[root]) | 1 << int(graph.right[root])
-    for gate, u, metres, cone in zip(
-        reached.tolist(), previous.tolist(), step.tolist(), fresh.tolist(), strict=True
-    ):
-        mark = 1 << cone
-        if cones[u] and not cones[u] & mark:
-            cones[gate] = cones[u] | mark
+    parent = before[reached]
+    grand = np.where(parent == start, start, before[parent])
+    great = np.where(grand == start, start, before[grand])
+    middle, left = graph.middle, graph.left
+    step = np.abs(middle[reached] - middle[parent])
+    old, way = middle[parent] - middle[great], middle[reached] - middle[grand]
+    # A path that has just begun has no direction to turn from.
+    rad = np.abs(turn(np.where(old == 0, way, old), way))
+    sharper = np.maximum(rad - step / _SHARPEST_M - _FREE_TURN_RAD, 0.0)
+    fresh = np.where(left[reached] == left[parent], graph.right[reached], left[reached])
+    length, excess = ([0.0] * len(graph) for _ in range(2))
+    cones = [0] * len(graph)
+    cones[start] = 1 << int(left[start]) | 1 << int(graph.right[start])
+    ways = (reached, parent, step, sharper, fresh)
+    for gate, u, metres, more, cone in zip(*(w.tolist() for w in ways), strict=True):
+        excess[gate] = excess[u] + more
+        if cones[u] and not cones[u] >> cone & 1:
+            cones[gate] = cones[u] | 1 << cone
             length[gate] = length[u] + metres
-    return np.array(length), np.array([c > 0 for c in cones])
+    sound = np.array([c > 0 for c in cones])
+    return np.array(length), np.array(excess), sound
 
 
 def trace(before: IntArray, start: int, end: int) -> IntArray:
@@ -162,16 +192,15 @@ def trace(before: IntArray, start: int, end: int) -> IntArray:
 
 def crossing(graph: GateGraph, start: int) -> Mask:
     """Return which steps' middles cross the line of a gate or its extension; (T,)."""
-    left, right = (graph.xy_m[c[start]] for c in (graph.left, graph.right))
+    left, right = graph.cone[graph.left[start]], graph.cone[graph.right[start]]
     across = left - right
-    width = float(np.hypot(*across))
-    across = across / width
-    middle = graph.middle_m - 0.5 * (left + right)
-    ahead = middle[:, 0] * across[1] - middle[:, 1] * across[0]
-    aside = middle @ across
-    a, b = ahead[graph.tail], ahead[graph.head]
-    crosses = (a >= 0) != (b >= 0)
-    share = np.where(crosses, a / np.where(crosses, a - b, 1.0), 0.0)
-    where = aside[graph.tail] * (1.0 - share) + aside[graph.head] * share
-    reach = 0.5 * width + _FENCE_LANES * graph.lane_m
-    return np.asarray(crosses & (np.abs(where) < reach))
+    width = float(np.abs(across))
+    place = (graph.middle - 0.5 * (left + right)) * (across / width).conj()
+    ahead, aside = -place.imag, place.real
+    crosses = (ahead >= 0)[graph.tail] != (ahead >= 0)[graph.head]
+    rows = np.flatnonzero(crosses)
+    u, v = graph.tail[rows], graph.head[rows]
+    share = ahead[u] / (ahead[u] - ahead[v])
+    where = aside[u] * (1.0 - share) + aside[v] * share
+    crosses[rows] = np.abs(where) < 0.5 * width + _FENCE_LANES * graph.lane_m
+    return np.asarray(crosses)
