@@ -21,6 +21,7 @@ from conegraph.eval.statistics import (
 )
 from conegraph.eval.suite_metrics import MAIN, METRICS, Metric
 from conegraph.eval.suite_rows import SuiteRow
+from conegraph.eval.words import counted
 
 LEAST_P = 0.05
 NO_DIFFERENCE = "no difference shown"
@@ -245,11 +246,6 @@ def least_to_show(tests: int) -> int:
 def these_tracks(count: int) -> str:
     """Return how those tracks are called that were driven on."""
     return "this track" if count == 1 else f"these {count} tracks"
-
-
-def counted(count: int, what: str) -> str:
-    """Return a number of things."""
-    return f"{count} {what}" if count == 1 else f"{count} {what}s"
 
 
 def p_text(p: float) -> str:

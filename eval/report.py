@@ -29,6 +29,7 @@ from conegraph.io.run_folder import RunFolder
 from conegraph.io.run_writer import replace_text
 
 SCHEMA_VERSION = 1
+REPORT_JSON = "report.json"
 
 WORDS = (
     "Aligned: after the rotation and shift that fit best. ATE: absolute trajectory "
@@ -103,7 +104,7 @@ def write_report(
         _sections(comparison, runs, metrics, truth),
         comparison.findings[1:],
     )
-    replace_text(folder / "report.json", json_text(comparison, metrics))
+    replace_text(folder / REPORT_JSON, json_text(comparison, metrics))
     replace_text(folder / "report.md", markdown_text(document))
     replace_text(folder / "report.html", html_text(document))
     return comparison

@@ -7,6 +7,7 @@ import numpy as np
 from conegraph.eval.odometry_gap import odometry_gap
 from conegraph.eval.pose_pairs import MAX_TRUTH_GAP_S
 from conegraph.eval.trajectory_metrics import TrajectoryMetrics
+from conegraph.eval.words import counted
 from conegraph.io.run_folder import RunFolder
 from conegraph.types import Status, Trajectory
 
@@ -26,7 +27,8 @@ def run_warnings(
         warnings.append("the run did not finish: what it wrote until then is judged")
     broken = int((~np.isfinite(run.trajectory.pose).all(axis=1)).sum())
     if broken:
-        warnings.append(f"{broken} poses of the trajectory are not finite")
+        poses = counted(broken, "pose")
+        warnings.append(f"{poses} of the trajectory with numbers that are not finite")
     if truth is not None and causal is None:
         warnings.append("no pose of the run lies within the true trajectory's time")
     if causal is not None and causal.left_out:

@@ -9,7 +9,6 @@ from conegraph.eval.paired import (
     NO_DIFFERENCE,
     Duel,
     Effect,
-    counted,
     least_to_show,
     rate_text,
     these_tracks,
@@ -18,6 +17,7 @@ from conegraph.eval.statistics import Rate
 from conegraph.eval.suite_metrics import MAIN
 from conegraph.eval.suite_rows import SuiteRow
 from conegraph.eval.verdict import MAPPING
+from conegraph.eval.words import counted
 
 SHORT = {
     "map_rmse_aligned_m": "map error",

@@ -47,7 +47,7 @@ def test_a_folder_of_pictures(
     (folder / "notes.txt").write_text("x", encoding="utf-8")
     assert detect(folder, "--detector", "hsv", "--out", table) == 0
     said = capsys.readouterr()
-    assert "1 cones in 2 pictures" in said.out
+    assert ": 1 cone in 2 pictures, drawn in" in said.out
     assert "left out: " in said.err
     assert "c.png" in said.err
     (row,) = rows_of(table)

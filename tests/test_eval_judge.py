@@ -251,7 +251,7 @@ def test_what_is_odd_about_a_run_is_said() -> None:
     said = evaluate(replace(run, trajectory=late, summary={}), truth).warnings
     assert [w.split(":")[0] for w in said] == [
         "the run did not finish",
-        "1 poses of the trajectory are not finite",
+        "1 pose of the trajectory with numbers that are not finite",
         "30 of 900 poses have no truth",
     ]
     years_later = Trajectory(run.trajectory.stamp_s + 1e8, run.trajectory.pose)

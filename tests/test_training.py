@@ -8,11 +8,12 @@ import cv2
 import numpy as np
 import pytest
 
+from conegraph.cli.train_detector import _own, _say_rounded
 from conegraph.errors import FileFormatError
 from conegraph.training.average_precision import Boxes, average_precision, overlaps
 from conegraph.training.batches import STEPS_A_ROUND, Crops
 from conegraph.training.collage import CLASSES, HEIGHT_PX, WIDTH_PX, make_collages
-from conegraph.training.folder import read_folder
+from conegraph.training.folder import held_out, read_folder, split
 from conegraph.training.palette import make_sheets
 from conegraph.training.photometric import photographed
 from conegraph.training.report import as_boxes, judged
@@ -167,11 +168,11 @@ def test_a_folder_of_labelled_pictures(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "unlabelled.png"), GREY)
     label = tmp_path / "a.txt"
     label.write_text("1 0.5 0.5 0.1 0.2\n")
-    (sample,) = read_folder(tmp_path)
+    (sample,) = read_folder(tmp_path).values()
     np.testing.assert_allclose(sample.box_px, [[135.0, 80.0, 165.0, 120.0]])
     assert sample.kind.tolist() == [1]
     (tmp_path / "classes.txt").write_text("yellow\nbig_orange\n")
-    assert read_folder(tmp_path)[0].kind.tolist() == [3]
+    assert read_folder(tmp_path)["a.png"].kind.tolist() == [3]
     label.write_text("1 0.5 0.5 -0.1 -0.2\n")
     with pytest.raises(FileFormatError, match=r"a\.txt:1: '1 0\.5 0\.5 -0\.1"):
         read_folder(tmp_path)
@@ -186,12 +187,47 @@ def test_a_folder_of_labelled_pictures(tmp_path: Path) -> None:
         read_folder(tmp_path)
 
 
+def test_one_of_ten_pictures_is_held_out_whatever_the_others_are() -> None:
+    none = np.zeros((0, 4)), np.zeros(0, dtype=np.int64)
+    pictures = {f"{k:04}.jpg": Sample(GREY, *none) for k in range(1000)}
+    learn, test = split(pictures)
+    assert len(learn) + len(test) == 1000
+    assert 70 < len(test) < 130
+    fewer = dict(list(pictures.items())[::2])
+    assert [id(s) for s in split(fewer)[1]] == [
+        id(s) for s in fewer.values() if any(s is t for t in test)
+    ]
+    alone = next(name for name, s in pictures.items() if s is test[0])
+    assert split({alone: test[0]}) == ([test[0]], [])
+
+
+def test_the_command_says_what_it_rounds_and_what_it_holds_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for k in range(20):
+        cv2.imwrite(str(tmp_path / f"{k}.png"), GREY)
+        (tmp_path / f"{k}.txt").write_text("1 0.5 0.5 0.3 0.5\n", encoding="utf-8")
+    _say_rounded(2 * STEPS_A_ROUND)
+    assert capsys.readouterr().out == ""
+    _say_rounded(STEPS_A_ROUND + 1)
+    assert capsys.readouterr().out.startswith("48 steps in place of 25: rounds of 24")
+    learn, test = _own(tmp_path)
+    test_names = [f"{k}.png" for k in range(20) if held_out(f"{k}.png")]
+    assert len(test) == len(test_names) == 20 - len(learn) > 0
+    said = capsys.readouterr().out
+    assert said.endswith(f"{len(learn)} pictures to learn from, {len(test)} held out\n")
+    for name in test_names:
+        (tmp_path / name).unlink()
+    assert _own(tmp_path)[1] == []
+    assert "0 held out (too few pictures: one of 10" in capsys.readouterr().out
+
+
 def test_large_pictures_are_learned_at_the_size_they_are_looked_at(
     tmp_path: Path,
 ) -> None:
     cv2.imwrite(str(tmp_path / "a.png"), np.full((1000, 2560, 3), 90, np.uint8))
     (tmp_path / "a.txt").write_text("1 0.5 0.5 0.1 0.2\n")
-    (sample,) = read_folder(tmp_path)
+    (sample,) = read_folder(tmp_path).values()
     assert sample.picture.shape == (500, 1280, 3)
     np.testing.assert_allclose(sample.box_px, [[576.0, 200.0, 704.0, 300.0]])
 

@@ -12,10 +12,12 @@ from conegraph.cli.options import (
     DetectorOption,
     JsonOption,
     OutOption,
+    OverwriteOption,
     SaveRrdOption,
     SetOption,
     SourceArgument,
     ViewOption,
+    refuse_to_overwrite,
     settle_source,
     with_detector,
 )
@@ -41,17 +43,23 @@ def compare(
     set_: SetOption = None,
     view: ViewOption = False,
     save_rrd: SaveRrdOption = False,
+    overwrite: OverwriteOption = False,
     json_: JsonOption = False,
 ) -> None:
     """Run several back ends over one stream and judge them."""
     from conegraph.cli.session import Job, run_jobs
     from conegraph.config import load_config
+    from conegraph.eval.report import REPORT_JSON
+    from conegraph.io.run_writer import SUMMARY
 
     settings = with_detector(set_, detector)
     configs = {
         name: settle_source(source, load_config(config, settings, backend=backend))
         for name, backend in _named(backends).items()
     }
+    if not overwrite:
+        written = [out / name / SUMMARY for name in configs]
+        refuse_to_overwrite([*written, out / REPORT_JSON])
     jobs = {name: Job(config, out / name) for name, config in configs.items()}
     results = run_jobs(jobs, out, view=view, save_rrd=save_rrd, detector=detector)
     _report(results, out, json_=json_)
@@ -63,6 +71,7 @@ def _report(results: dict[str, RunResult], out: Path, *, json_: bool) -> None:
     """Write the report into a folder, and print it as a table or as JSON."""
     from conegraph.cli.session import print_comparison
     from conegraph.eval import write_report
+    from conegraph.eval.report import REPORT_JSON
 
     judged = {
         name: (result.folder, result.metrics)
@@ -78,7 +87,7 @@ def _report(results: dict[str, RunResult], out: Path, *, json_: bool) -> None:
         title=f"{first.summary['source']}: {', '.join(results)}",
     )
     if json_:
-        typer.echo((out / "report.json").read_text(encoding="utf-8"), nl=False)
+        typer.echo((out / REPORT_JSON).read_text(encoding="utf-8"), nl=False)
         return
     print_comparison(comparison)
     typer.echo(f"Report: {out / 'report.html'}")

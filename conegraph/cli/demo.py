@@ -15,5 +15,16 @@ def demo(
     detector: DetectorOption = None,
     view: ViewOption = False,
 ) -> None:
-    """Render two laps, run both back ends over them, and judge."""
-    compare(out, DRIVE, DEFAULT_BACKENDS, detector=detector, view=view, save_rrd=True)
+    """Render two laps, run both back ends over them, and judge.
+
+    An earlier demo in DIR is replaced.
+    """
+    compare(
+        out,
+        DRIVE,
+        DEFAULT_BACKENDS,
+        detector=detector,
+        view=view,
+        save_rrd=True,
+        overwrite=True,
+    )

@@ -16,6 +16,7 @@ from conegraph.cli.options import (
     with_detector,
 )
 from conegraph.errors import ConegraphError, FileFormatError
+from conegraph.eval.words import counted
 
 if TYPE_CHECKING:
     from conegraph.camera import RgbdFrame
@@ -75,7 +76,8 @@ def detect(
     for failure in job.failures:
         print(f"conegraph: left out: {failure}", file=sys.stderr)
     shown = "" if folder is None else f", drawn in {folder}"
-    typer.echo(f"{out}: {job.cones} cones in {job.pictures} pictures{shown}")
+    cones, looked_at = counted(job.cones, "cone"), counted(job.pictures, "picture")
+    typer.echo(f"{out}: {cones} in {looked_at}{shown}")
 
 
 class _Job:

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from conegraph.errors import ConegraphError
+
 if TYPE_CHECKING:
     from conegraph.config import Config
 
@@ -52,6 +54,9 @@ ViewOption = Annotated[
 SaveRrdOption = Annotated[
     bool, typer.Option("--save-rrd", help="Write the Rerun recording DIR/run.rrd.")
 ]
+OverwriteOption = Annotated[
+    bool, typer.Option("--overwrite", help="Replace finished results in DIR.")
+]
 FiguresOption = Annotated[
     Path | None,
     typer.Option("--json", metavar="FILE", help="Write the figures as JSON."),
@@ -72,6 +77,23 @@ def listed(option: str, given: str, allowed: Sequence[str]) -> tuple[str, ...]:
         if word not in allowed:
             raise typer.BadParameter(unknown(option, word, allowed))
     return words
+
+
+def refuse_to_overwrite(results: Iterable[Path]) -> None:
+    """Refuse to replace what an earlier run has finished.
+
+    Args:
+        results: files that only what has finished holds.
+
+    Raises:
+        ConegraphError: one of them is there already.
+    """
+    for file in results:
+        if file.is_file():
+            raise ConegraphError(
+                f"{file.parent}: holds finished results; give --out another folder, or "
+                "replace them by --overwrite"
+            )
 
 
 def unknown(option: str, given: str, allowed: Iterable[str]) -> str:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from conegraph.errors import ConegraphError
+from conegraph.eval.words import counted
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -53,7 +54,7 @@ def record(
         count = _to_folder(stream, source, out, seconds, lossless)
     for reason, times in stream.rejected.items():
         print(f"conegraph: {times} x {reason}", file=sys.stderr)
-    typer.echo(f"{out}: {count} frames of {stream.name}")
+    typer.echo(f"{out}: {counted(count, 'frame')} of {stream.name}")
 
 
 def _to_recording(stream: Stream, source: str, out: Path, seconds: float | None) -> int:

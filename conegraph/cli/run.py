@@ -13,10 +13,12 @@ from conegraph.cli.options import (
     DetectorOption,
     JsonOption,
     OutOption,
+    OverwriteOption,
     SaveRrdOption,
     SetOption,
     SourceArgument,
     ViewOption,
+    refuse_to_overwrite,
     settle_source,
     with_detector,
 )
@@ -55,6 +57,7 @@ def run(
     ] = None,
     view: ViewOption = False,
     save_rrd: SaveRrdOption = False,
+    overwrite: OverwriteOption = False,
     json_: JsonOption = False,
 ) -> None:
     """Run one back end over one source."""
@@ -69,6 +72,8 @@ def run(
         source, load_config(config, with_detector(set_, detector), backend=backend)
     )
     _keep_apart(settled.source, out)
+    if not overwrite:
+        refuse_to_overwrite([out / SUMMARY])
     job = Job(
         settled,
         out,

@@ -11,6 +11,7 @@ import typer
 
 from conegraph.cli.options import OutOption
 from conegraph.errors import ConegraphError
+from conegraph.eval.words import counted
 from conegraph.sources import (
     MAX_LAPS,
     MAX_RATE_HZ,
@@ -87,7 +88,7 @@ def _write_cones(track: str, options: SimOptions, out: Path) -> None:
     with progress_bar(f"driving {track}"):
         recording = simulate_track(track, options)
         write_cone_log(out, recording)
-    typer.echo(f"{out}: {recording.n_frames} frames of {recording.name}")
+    typer.echo(f"{out}: {counted(recording.n_frames, 'frame')} of {recording.name}")
 
 
 def _write_pictures(track: str, options: SimOptions, out: Path) -> None:
@@ -109,4 +110,4 @@ def _write_pictures(track: str, options: SimOptions, out: Path) -> None:
             if isinstance(event, RgbdFrame):
                 writer.add(event)
                 advance(writer.frames)
-    typer.echo(f"{out}: {drive.n_frames} frames of {drive.name}")
+    typer.echo(f"{out}: {counted(drive.n_frames, 'frame')} of {drive.name}")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from conegraph.errors import ConegraphError, MissingDependencyError
+from conegraph.eval.words import counted
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -36,10 +37,13 @@ def train_detector(
             metavar="FOLDER",
             exists=True,
             file_okay=False,
-            help="Your own pictures with YOLO labels, in place of the renders.",
+            help="Your own pictures with YOLO labels, in place of the renders. One of "
+            "ten, told by its name, is not learned but tested with.",
         ),
     ] = None,
-    steps: Annotated[int, typer.Option(min=1, help="Batches to learn.")] = 20_000,
+    steps: Annotated[
+        int, typer.Option(min=1, help="Batches to learn, in rounds of 24.")
+    ] = 20_000,
     seed: Annotated[int, typer.Option(min=0, help="Makes everything random.")] = 7,
     scenes: Annotated[
         int, typer.Option(min=0, help="Scenes to render, of 24 pictures each.")
@@ -72,21 +76,47 @@ def train_detector(
 
     from conegraph.training.batches import Crops
     from conegraph.training.export import as_onnx
-    from conegraph.training.folder import read_folder
     from conegraph.training.train import Plan, train
 
     checkpoint = out / CHECKPOINT
     _ask_for_resume(checkpoint, resume)
     out.mkdir(parents=True, exist_ok=True)
     torch.set_num_threads(threads)
-    kept = _render(seed, scenes, jobs) if data is None else read_folder(data)
+    _say_rounded(steps)
+    kept, unseen = _own(data) if data else (_render(seed, scenes, jobs), [])
     crops = Crops(seed, BATCH, SIDE_PX, kept, jobs)
     plan = Plan(steps, half, "cuda" if torch.cuda.is_available() else "cpu")
     net = train(plan, crops, checkpoint, _say)
     model = out / MODEL
     model.write_bytes(as_onnx(net))
     typer.echo(f"{model}: {model.stat().st_size} bytes")
-    _print_precisions(model, _render(seed + UNSEEN_SEED, UNSEEN_SCENES, jobs))
+    renders = _render(seed + UNSEEN_SEED, UNSEEN_SCENES, jobs)
+    _print_precisions(model, renders, "unseen renders")
+    if unseen:
+        title = f"{counted(len(unseen), 'picture')} of {data}, held out"
+        _print_precisions(model, unseen, title)
+
+
+def _say_rounded(steps: int) -> None:
+    from conegraph.training.batches import STEPS_A_ROUND
+
+    rounds = -(-steps // STEPS_A_ROUND)
+    if rounds * STEPS_A_ROUND != steps:
+        whole = f"rounds of {STEPS_A_ROUND} are learned"
+        typer.echo(f"{rounds * STEPS_A_ROUND} steps in place of {steps}: {whole}")
+
+
+def _own(data: Path) -> tuple[list[Sample], list[Sample]]:
+    """Return the user's pictures to learn from and to test with; say how many."""
+    from conegraph.training.folder import HELD_OUT_OF, read_folder, split
+
+    learn, test = split(read_folder(data))
+    said = (
+        f"{data}: {counted(len(learn), 'picture')} to learn from, {len(test)} held out"
+    )
+    few = "" if test else f" (too few pictures: one of {HELD_OUT_OF} would be)"
+    typer.echo(f"{said}{few}")
+    return learn, test
 
 
 def _ask_for_resume(checkpoint: Path, resume: bool) -> None:
@@ -115,7 +145,7 @@ def _say(step: int, loss: float) -> None:
     typer.echo(f"step {step}: loss {loss:.3f}")
 
 
-def _print_precisions(model: Path, unseen: list[Sample]) -> None:
+def _print_precisions(model: Path, unseen: list[Sample], what: str) -> None:
     from rich.table import Table
 
     from conegraph.cli.progress import progress_bar
@@ -123,9 +153,9 @@ def _print_precisions(model: Path, unseen: list[Sample]) -> None:
     from conegraph.config import YoloConfig
     from conegraph.training.report import precisions
 
-    with progress_bar("looking at unseen renders", len(unseen)) as advance:
+    with progress_bar(f"looking at {what}", len(unseen)) as advance:
         found = precisions(YoloConfig(model=str(model)), unseen, advance)
-    console().print(_table(found, Table(title="AP50 on unseen renders")))
+    console().print(_table(found, Table(title=f"AP50 on {what}")))
 
 
 def _table(found: Precisions, table: Table) -> Table:

@@ -14,6 +14,8 @@ from conegraph.config.section import Section
 _CHOICES = {"backend": BACKENDS, "detector": DETECTORS}
 """The sections that are a choice of several, by their tags."""
 _SECTION_WEIGHT = 0.25
+_ALIKE, _PART = 0.6, 0.9
+"""Likeness from which on two names mean the same, and of a name to a part of it."""
 _SHOWN = 80
 
 
@@ -49,18 +51,29 @@ def key_paths() -> dict[str, str]:
 def nearest_key(dotted: str) -> str:
     """Return the valid dotted key most like the given one.
 
-    The last part of the key decides; a likeness of the sections breaks ties, so a
-    key filed under the wrong section is found where it belongs.
+    A key of its own section that is like it comes first, unless another section has
+    it by the very name; a key filed under the wrong section is found where it belongs.
+    Where nothing is like it, one of its own section is returned.
     """
     section, _, name = dotted.rpartition(".")
 
-    def likeness(key: str) -> float:
-        key_section, _, key_name = key.rpartition(".")
-        names = SequenceMatcher(None, name, key_name).ratio()
-        sections = SequenceMatcher(None, section, key_section).ratio()
-        return names + _SECTION_WEIGHT * sections
+    def alike(key: str) -> float:
+        key_name = key.rpartition(".")[2]
+        part = f"_{name}_" in f"_{key_name}_"
+        likeness = SequenceMatcher(None, name, key_name).ratio()
+        return likeness if name == key_name or not part else max(likeness, _PART)
 
-    return max(key_paths(), key=likeness)
+    def near(key: str) -> float:
+        sections = SequenceMatcher(None, section, key.rpartition(".")[0]).ratio()
+        return alike(key) + _SECTION_WEIGHT * sections
+
+    keys = list(key_paths())
+    best = max(keys, key=near)
+    own = [key for key in keys if section and key.rpartition(".")[0] == section]
+    if not own or alike(best) == 1.0:
+        return best
+    nearest = max(own, key=alike)
+    return best if alike(nearest) < _ALIKE <= alike(best) else nearest
 
 
 def _explain_unknown_key(path: list[str], value: object, kind: str | None) -> str:

@@ -33,6 +33,7 @@ class Cones:
         right: (N,) may stand on the right.
         sure_left: (N,) has the colour of the left side.
         sure_right: (N,) has the colour of the right side.
+        coloured: whether colours tell left from right.
         start: (N,) has the role of a start cone.
         unused: cones that were left out, with reasons.
     """
@@ -45,16 +46,12 @@ class Cones:
     right: Mask
     sure_left: Mask
     sure_right: Mask
+    coloured: bool
     start: Mask
     unused: tuple[Unused, ...]
 
     def __len__(self) -> int:
         return len(self.row)
-
-    @property
-    def coloured(self) -> bool:
-        """Whether colours tell left from right."""
-        return _tells_sides(self.sure_left, self.sure_right)
 
 
 def prepare(cone_map: ConeMap, roles: Roles) -> Cones:
@@ -81,7 +78,9 @@ def prepare(cone_map: ConeMap, roles: Roles) -> Cones:
     odds = np.log(2 * np.clip(share, 1e-3, 0.5))
     against = np.clip(-odds, 0.0, _MOST_AGAINST)
     sure_left, sure_right = share > _SURE
-    if _tells_sides(sure_left, sure_right):
+    fewest = min(np.count_nonzero(sure_left), np.count_nonzero(sure_right))
+    coloured = bool(fewest >= max(1, len(row) // 8))
+    if coloured:
         # Where cones have colours, one without stands there for something else.
         against += _NO_COLOUR_NATS * ((neither > 0.5) & ~start)
     return Cones(
@@ -93,14 +92,10 @@ def prepare(cone_map: ConeMap, roles: Roles) -> Cones:
         share[1] >= _MAY_STAND,
         sure_left,
         sure_right,
+        coloured,
         start,
         tuple(unused),
     )
-
-
-def _tells_sides(sure_left: Mask, sure_right: Mask) -> bool:
-    fewest = min(int(sure_left.sum()), int(sure_right.sum()))
-    return fewest >= 1 and fewest >= len(sure_left) // 8
 
 
 def _without_twins(

@@ -157,7 +157,7 @@ def _followed(
     than a car can, taken over two steps, in which both sides usually move. It is
     sound if it is a lane: one that comes back to one of its cones is none.
     """
-    reached = np.flatnonzero(np.isfinite(away) & (before >= 0))
+    reached = np.flatnonzero(before >= 0)
     reached = reached[np.argsort(away[reached], kind="stable")]
     parent = before[reached]
     grand = np.where(parent == start, start, before[parent])

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from zlib import crc32
 
 import cv2
 import numpy as np
@@ -19,8 +21,27 @@ from conegraph.training.sample import Sample
 NAMES = "classes.txt"
 
 
-def read_folder(folder: Path) -> list[Sample]:
-    """Return the pictures of a folder that have a label file of their name.
+HELD_OUT_OF = 10
+"""One of so many pictures is not learned, but tested with."""
+
+
+def held_out(name: str) -> bool:
+    """Whether a picture is one to test with; its name alone tells, on every machine."""
+    return crc32(name.encode()) % HELD_OUT_OF == 0
+
+
+def split(pictures: Mapping[str, Sample]) -> tuple[list[Sample], list[Sample]]:
+    """Return the pictures to learn from, and those to test with.
+
+    With so few that one of the two would be empty, all are learned from.
+    """
+    test = [sample for name, sample in pictures.items() if held_out(name)]
+    learn = [sample for name, sample in pictures.items() if not held_out(name)]
+    return (learn, test) if learn else (test, [])
+
+
+def read_folder(folder: Path) -> dict[str, Sample]:
+    """Return the pictures of a folder, by name, that have a label file of their name.
 
     A label is a line ``class x y width height``, of the box's middle and in shares of
     the picture. Where the folder holds a ``classes.txt``, its lines name the classes;
@@ -34,13 +55,13 @@ def read_folder(folder: Path) -> list[Sample]:
     number = _numbers(folder)
     pictures, labels = folder / "images", folder / "labels"
     places = (pictures if pictures.is_dir() else folder).iterdir()
-    found = []
+    found = {}
     for path in sorted(p for p in places if p.suffix.lower() in PICTURE_SUFFIXES):
         beside = (labels if labels.is_dir() else path.parent) / f"{path.stem}.txt"
         if beside.is_file():
             picture = _shrunk(read_color(path))
             box, kind = read_yolo_labels(beside, number, picture.shape)
-            found.append(Sample(picture, box, kind))
+            found[path.name] = Sample(picture, box, kind)
     if not found:
         raise FileFormatError(folder, "holds no picture with a label file of its name")
     return found
