@@ -199,9 +199,12 @@ class ClosureWatch:
             return f"only {100 * match.agreement:.0f} % of the frame agrees"
         if (match.slot < 0).any():
             return "the start is farther away than any drift"
-        seen = map_.filter.innovation(
-            match.slot, frame.xy_m[match.row], frame.cov_m2[match.row], None
-        )
+        try:
+            seen = map_.filter.innovation(
+                match.slot, frame.xy_m[match.row], frame.cov_m2[match.row], None
+            )
+        except np.linalg.LinAlgError:
+            return "the pose is too uncertain to test it"
         if not seen.nis <= self._config.closure_d2 * len(match.row):
             return f"innovation d2 {seen.nis:.0f} is impossible for this drift"
         relocaliser = Relocaliser(before, self._sensor)

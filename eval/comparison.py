@@ -173,7 +173,7 @@ def compare(metrics: Mapping[str, RunMetrics]) -> Comparison:
     ]
     alarms = _of_whom({name: m.alarms for name, m in metrics.items()})
     return Comparison(
-        findings=(*(f"{alarm}." for alarm in alarms), *findings(metrics)),
+        findings=(*(_ended(alarm) for alarm in alarms), *findings(metrics)),
         names=tuple(metrics),
         rows=tuple(row for row in rows if any(v is not None for v in row.values)),
         warnings=_of_whom({name: m.warnings for name, m in metrics.items()}),
@@ -189,6 +189,10 @@ def _look_up(plain: Plain, path: str) -> float | None:
         elif isinstance(value, list):
             value = value[int(key)]
     return float(value) if isinstance(value, int | float) else None
+
+
+def _ended(said: str) -> str:
+    return said if said.endswith("?") else f"{said}."
 
 
 def _of_whom(said: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:

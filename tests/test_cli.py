@@ -240,7 +240,7 @@ def test_compare_prints_the_verdict_or_the_report(
     printed = capsys.readouterr().out
     report = json.loads((out / "report.json").read_text(encoding="utf-8"))
     assert " ".join(report["verdict"].split()) in " ".join(printed.split())
-    assert run("compare", "--out", out, *settings, "--json", "--overwrite") == 0
+    assert run("compare", "--out", out, *settings, "--json") == 0
     assert json.loads(capsys.readouterr().out)["runs"].keys() == {"ekf"}
 
 
@@ -306,33 +306,29 @@ def test_a_recording_is_written_when_asked_for_and_never_left_stale(
     recording = tmp_path / "run.rrd"
     assert run("run", log, "--out", tmp_path, "--save-rrd") == 0
     assert recording.stat().st_size > 10_000
-    assert run("run", log, "--out", tmp_path, "--overwrite") == 0
+    assert run("run", log, "--out", tmp_path) == 0
     assert not recording.exists()
 
 
 @pytest.mark.parametrize("command", ["run", "compare"])
-def test_a_finished_run_is_replaced_only_when_that_is_asked_for(
+def test_that_a_finished_run_is_replaced_is_said(
     command: str, log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     chosen = () if command == "run" else ("--backends", "ekf")
     folder = tmp_path if command == "run" else tmp_path / "ekf"
-    (tmp_path / "notes.txt").touch()
-    assert run(command, log, "--out", tmp_path, *chosen) == 0
-    poses, map_ = (folder / "trajectory.tum").read_bytes(), folder / "map.csv"
-    map_.write_text("mine", encoding="utf-8")
-    capsys.readouterr()
-    assert run(command, log, "--out", tmp_path, *chosen) == 1
-    assert capsys.readouterr().err == (
-        f"conegraph: {folder}: holds finished results; give --out another folder, or "
-        "replace them by --overwrite\n"
-    )
-    assert map_.read_text(encoding="utf-8") == "mine"
-    (folder / "summary.json").unlink()
     again = (command, log, "--out", tmp_path, *chosen)
-    assert run(*again) == (0 if command == "run" else 1)
-    assert run(*again, "--overwrite") == 0
+    assert run(*again) == 0
+    assert capsys.readouterr().err == ""
+    poses = (folder / "trajectory.tum").read_bytes()
+    (folder / "map.csv").write_text("mine", encoding="utf-8")
+    assert run(*again) == 0
+    said = f"conegraph: {folder}: replacing the results of an earlier run\n"
+    assert capsys.readouterr().err == said
     assert (folder / "trajectory.tum").read_bytes() == poses
-    assert map_.read_text(encoding="utf-8") != "mine"
+    assert (folder / "map.csv").read_text(encoding="utf-8") != "mine"
+    (folder / "summary.json").unlink()
+    assert run(*again) == 0
+    assert capsys.readouterr().err == ""
 
 
 def test_a_detector_without_pictures_is_said_not_to_be_used(

@@ -12,12 +12,11 @@ from conegraph.cli.options import (
     DetectorOption,
     JsonOption,
     OutOption,
-    OverwriteOption,
     SaveRrdOption,
     SetOption,
     SourceArgument,
     ViewOption,
-    refuse_to_overwrite,
+    say_what_is_replaced,
     settle_source,
     with_detector,
 )
@@ -43,13 +42,11 @@ def compare(
     set_: SetOption = None,
     view: ViewOption = False,
     save_rrd: SaveRrdOption = False,
-    overwrite: OverwriteOption = False,
     json_: JsonOption = False,
 ) -> None:
     """Run several back ends over one stream and judge them."""
     from conegraph.cli.session import Job, run_jobs
     from conegraph.config import load_config
-    from conegraph.eval.report import REPORT_JSON
     from conegraph.io.run_writer import SUMMARY
 
     settings = with_detector(set_, detector)
@@ -57,9 +54,7 @@ def compare(
         name: settle_source(source, load_config(config, settings, backend=backend))
         for name, backend in _named(backends).items()
     }
-    if not overwrite:
-        written = [out / name / SUMMARY for name in configs]
-        refuse_to_overwrite([*written, out / REPORT_JSON])
+    say_what_is_replaced(out / name / SUMMARY for name in configs)
     jobs = {name: Job(config, out / name) for name, config in configs.items()}
     results = run_jobs(jobs, out, view=view, save_rrd=save_rrd, detector=detector)
     _report(results, out, json_=json_)

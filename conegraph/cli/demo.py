@@ -26,5 +26,4 @@ def demo(
         detector=detector,
         view=view,
         save_rrd=True,
-        overwrite=True,
     )

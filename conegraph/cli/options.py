@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-
-from conegraph.errors import ConegraphError
 
 if TYPE_CHECKING:
     from conegraph.config import Config
@@ -54,9 +53,6 @@ ViewOption = Annotated[
 SaveRrdOption = Annotated[
     bool, typer.Option("--save-rrd", help="Write the Rerun recording DIR/run.rrd.")
 ]
-OverwriteOption = Annotated[
-    bool, typer.Option("--overwrite", help="Replace finished results in DIR.")
-]
 FiguresOption = Annotated[
     Path | None,
     typer.Option("--json", metavar="FILE", help="Write the figures as JSON."),
@@ -79,21 +75,16 @@ def listed(option: str, given: str, allowed: Sequence[str]) -> tuple[str, ...]:
     return words
 
 
-def refuse_to_overwrite(results: Iterable[Path]) -> None:
-    """Refuse to replace what an earlier run has finished.
+def say_what_is_replaced(results: Iterable[Path]) -> None:
+    """Say which folders hold finished results that a run will replace.
 
     Args:
         results: files that only what has finished holds.
-
-    Raises:
-        ConegraphError: one of them is there already.
     """
     for file in results:
         if file.is_file():
-            raise ConegraphError(
-                f"{file.parent}: holds finished results; give --out another folder, or "
-                "replace them by --overwrite"
-            )
+            said = f"conegraph: {file.parent}: replacing the results of an earlier run"
+            print(said, file=sys.stderr)
 
 
 def unknown(option: str, given: str, allowed: Iterable[str]) -> str:

@@ -13,12 +13,11 @@ from conegraph.cli.options import (
     DetectorOption,
     JsonOption,
     OutOption,
-    OverwriteOption,
     SaveRrdOption,
     SetOption,
     SourceArgument,
     ViewOption,
-    refuse_to_overwrite,
+    say_what_is_replaced,
     settle_source,
     with_detector,
 )
@@ -57,7 +56,6 @@ def run(
     ] = None,
     view: ViewOption = False,
     save_rrd: SaveRrdOption = False,
-    overwrite: OverwriteOption = False,
     json_: JsonOption = False,
 ) -> None:
     """Run one back end over one source."""
@@ -72,8 +70,7 @@ def run(
         source, load_config(config, with_detector(set_, detector), backend=backend)
     )
     _keep_apart(settled.source, out)
-    if not overwrite:
-        refuse_to_overwrite([out / SUMMARY])
+    say_what_is_replaced([out / SUMMARY])
     job = Job(
         settled,
         out,
