@@ -29,14 +29,15 @@ class _Clock:
         self.last_s = -np.inf
         self._leap_s = -np.inf
 
-    def leaps(self, stamp_s: float, newest_s: float) -> bool:
+    def leaps(self, stamp_s: float, other_s: float) -> bool:
         """Whether a stamp is far ahead, and the one before it did not lead there.
 
         Args:
             stamp_s: the stamp, later than the last.
-            newest_s: the latest stamp of any kind of event that was let in.
+            other_s: the latest stamp of the other kind, which may lead there too.
         """
-        if not np.isfinite(self.last_s) or stamp_s - newest_s <= LEAP_S:
+        step_s = min(stamp_s - self.last_s, abs(stamp_s - other_s))
+        if not np.isfinite(self.last_s) or step_s <= LEAP_S:
             self._leap_s = -np.inf
             return False
         confirmed = 0.0 <= stamp_s - self._leap_s <= LEAP_S
@@ -53,10 +54,6 @@ class InputGate:
         self._frames, self._samples = _Clock(), _Clock()
         self.rejected: Counter[str] = Counter()
 
-    @property
-    def _newest_s(self) -> float:
-        return max(self._frames.last_s, self._samples.last_s)
-
     def cones(self, frame: ConeObservations) -> ConeObservations | None:
         """Return the frame with its sane cones, or None for one of a wrong stamp.
 
@@ -69,7 +66,7 @@ class InputGate:
         if not frame.stamp_s > self._frames.last_s:
             self.rejected["frame: stamp does not increase"] += 1
             return None
-        if self._frames.leaps(frame.stamp_s, self._newest_s):
+        if self._frames.leaps(frame.stamp_s, self._samples.last_s):
             self.rejected["frame: stamp leaps ahead"] += 1
             return None
         self._frames.last_s = frame.stamp_s
@@ -115,7 +112,7 @@ class InputGate:
             reason = "odometry: not a number"
         elif not sample.stamp_s >= self._samples.last_s:
             reason = "odometry: stamp goes backwards"
-        elif self._samples.leaps(sample.stamp_s, self._newest_s):
+        elif self._samples.leaps(sample.stamp_s, self._frames.last_s):
             reason = "odometry: stamp leaps ahead"
         elif abs(sample.u_mps) > c.max_speed_mps:
             reason = "odometry: too fast"

@@ -177,7 +177,10 @@ class LocalMap:
         merged = []
         for a, b in zip(i[single].tolist(), j[single].tolist(), strict=True):
             kept, gone = (a, b) if self._age(a) <= self._age(b) else (b, a)
-            self.filter.equate(kept, gone, TWIN_SIGMA_M)
+            try:
+                self.filter.equate(kept, gone, TWIN_SIGMA_M)
+            except np.linalg.LinAlgError:
+                continue  # Too uncertain to be compared.
             self.book.absorb(int(self.row[kept]), int(self.row[gone]))
             merged.append((kept, gone))
         ids = tuple((self._age(kept), self._age(gone)) for kept, gone in merged)

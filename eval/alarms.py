@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -35,11 +36,11 @@ def alarms(run: RunFolder) -> tuple[str, ...]:
 def unusable_input(run: RunFolder) -> tuple[str, ...]:
     """Say where most of what a run was fed was left out, or has impossible stamps."""
     frames = len(run.trajectory)
+    # An older run has no observations; what became of each it has.
+    cones = max(len(run.observations), len(run.associations))
     found = [
         _mostly_left_out(run.summary, "frames", ("frame: ",), frames),
-        _mostly_left_out(
-            run.summary, "cones", ("cone: ", "cones.csv: "), len(run.observations)
-        ),
+        _mostly_left_out(run.summary, "cones", ("cone: ", "cones.csv: "), cones),
     ]
     if frames > 1:
         apart_s = float(np.median(np.diff(run.trajectory.stamp_s)))
@@ -57,11 +58,11 @@ def _mostly_left_out(
     counts = summary.get("rejected")
     if not isinstance(counts, Mapping):
         return ""
-    lost = {r: int(number(counts, r)) for r in counts if str(r).startswith(kinds)}
+    lost = {r: number(counts, r) for r in counts if str(r).startswith(kinds)}
     total = sum(lost.values())
-    if total <= kept:
+    if not kept < total < math.inf:
         return ""
     worst = max(lost, key=lambda reason: lost[reason])
     hint = f"; {HINTS[worst]}" if worst in HINTS else ""
-    lost_share = f"{total} of {total + kept} {what} were left out"
+    lost_share = f"{total:.0f} of {total + kept:.0f} {what} were left out"
     return f"{lost_share}, most of them for: {worst}{hint}"

@@ -89,7 +89,8 @@ def diagnose(run: RunFolder, truth: Trajectory | None = None) -> Diagnosis:
         truth: the true path, in any frame; without it a wrong scale of odometry
             cannot be told from one of the ranges.
     """
-    if len(run.trajectory) < 2 or not np.isfinite(run.trajectory.pose).all():
+    frames = min(len(run.trajectory), len(run.status))
+    if frames < 2 or not np.isfinite(run.trajectory.pose).all():
         text = "the run has no path to look at: too short, or with poses that are NaN"
         return Diagnosis((), (), unclear="; ".join([*unusable_input(run), text]))
     if spoilt := unusable_input(run):

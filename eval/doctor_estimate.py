@@ -132,8 +132,11 @@ def drift(case: Case) -> Evidence | None:
 
 
 def missed_closure(case: Case) -> Evidence | None:
-    """Look for visits to the start without a loop closure, on a track with colours."""
-    if (case.seen.cone_class == ConeClass.UNKNOWN).all():
+    """Look for visits to the start without a loop closure, on a track with colours.
+
+    Only a run that finished says which loops it closed.
+    """
+    if not case.run.finished or (case.seen.cone_class == ConeClass.UNKNOWN).all():
         return None
     pose = case.run.trajectory.pose
     way = np.cumsum(np.hypot(case.moved[:, 0], case.moved[:, 1]))

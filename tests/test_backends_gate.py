@@ -160,6 +160,14 @@ def test_after_a_pause_that_odometry_runs_through_no_frame_is_lost() -> None:
     assert gate.cones(frame(FINE_XY, stamp=60.0)) is not None
 
 
+def test_odometry_of_another_clock_vouches_for_no_frame() -> None:
+    gate = InputGate(CONFIG)
+    assert gate.velocity(velocity(1e9)) is not None
+    stamps = (1.0, 1.1, 500.0, 1.2)
+    passed = [gate.cones(frame(FINE_XY, stamp=s)) is not None for s in stamps]
+    assert passed == [True, True, False, True]
+
+
 def test_wrong_stamps_that_come_one_by_one_confirm_each_other_never() -> None:
     frames, samples = InputGate(CONFIG), InputGate(CONFIG)
     stamps = (1.0, 1e6, 1.1, 1e6 + 1.0, 1.2)

@@ -140,6 +140,17 @@ def test_vague_cones_are_never_merged() -> None:
     assert twins(0.5, sigma_m=0.6).merge_twins() == ()
 
 
+def test_cones_whose_difference_is_lost_in_rounding_are_left_alone() -> None:
+    map_ = twins(0.2)
+    state = np.concatenate([np.zeros(6), map_.filter.landmarks_m.ravel()])
+    cov = np.eye(12)
+    # So far from the origin a covariance is no longer positive definite.
+    cov[6:8, 8:10] = cov[8:10, 6:8] = 2.0 * np.eye(2)
+    map_.filter.load(state, cov)
+    assert map_.merge_twins() == ()
+    np.testing.assert_array_equal(map_.book.id, [0, 1, 2])
+
+
 def test_of_three_in_a_heap_none_is_merged() -> None:
     map_ = twins(0.2)
     map_.add(frame(np.array([[5.1, 0.0]])), 0.0)

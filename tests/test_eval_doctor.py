@@ -464,6 +464,30 @@ def test_a_run_that_was_killed_is_looked_at_as_far_as_it_got() -> None:
     assert "did not finish" in diagnosis.notes[0]
 
 
+def test_a_killed_run_is_not_blamed_for_closures_that_it_could_not_write_down() -> None:
+    run = drive()
+    unclosed = replace(run, summary={"frames": N})
+    assert [f.cause for f in diagnose(unclosed).findings] == ["missed_closure"]
+    assert diagnose(replace(run, summary={})).findings == ()
+
+
+def test_a_run_that_was_killed_before_its_first_status_has_no_path_to_look_at() -> None:
+    run = drive()
+    killed = replace(run, summary={}, status=run.status.first(0))
+    diagnosis = diagnose(killed)
+    assert (diagnosis.cause, diagnosis.findings) == (UNCLEAR, ())
+
+
+@pytest.mark.parametrize("count", [3, "many", float("nan"), float("inf")])
+def test_a_run_without_observations_did_not_leave_most_of_them_out(
+    count: object,
+) -> None:
+    """Older runs did not write them; counts may be none at all."""
+    run = replace(drive(), observations=ObservationRows.empty())
+    run = replace(run, summary={**run.summary, "rejected": {"cone: too far": count}})
+    assert diagnose(run).unclear == ""
+
+
 def test_sights_are_linked_to_the_nearest_end() -> None:
     frame = np.array([0, 0, 1, 1, 2, 9], dtype=np.int64)
     way = np.linspace(0.0, 9.0, 10)
