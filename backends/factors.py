@@ -69,19 +69,32 @@ def known_cone_prior(cone: int, xy_m: Array, cov_m2: Array) -> gtsam.NonlinearFa
 
 
 def velocity_prior(k: int, velocity: Array, sigmas: Array) -> gtsam.NonlinearFactor:
-    """Hold the body velocity ``v_k`` (u, 0, r) near a measured one (2,)."""
+    """Hold the body velocity ``v_k`` (u, 0, r) near one (2,), by sigmas (3,)."""
     mean = np.array([velocity[0], 0.0, velocity[1]])
-    sigma = np.array([sigmas[0], LEAST_SLIP_MPS, sigmas[1]])
-    return gtsam.PriorFactorVector(V(k), mean, gtsam.noiseModel.Diagonal.Sigmas(sigma))
+    noise = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
+    return gtsam.PriorFactorVector(V(k), mean, noise)
 
 
 def start_velocity_prior(
-    k: int, velocity: Array, motion: MotionConfig
+    k: int, dt_s: float, velocity: Array, motion: MotionConfig
 ) -> gtsam.NonlinearFactor:
-    """Hold ``v_k``, where free motion starts, near a speed and yaw rate (2,)."""
-    doubt = motion.start_speed_sigma_mps
-    sigmas = np.array([max(doubt, 0.01), max(0.2 * doubt, 0.01)])
+    """Hold ``v_k``, where free motion starts, near a speed and yaw rate (2,).
+
+    Args:
+        k: the frame.
+        dt_s: length of the step that it starts.
+        velocity: (2,) forward speed and yaw rate.
+        motion: how the car moves.
+    """
+    doubt, slip = motion.start_speed_sigma_mps, _slip_mps(velocity[0], dt_s, motion)
+    sigmas = np.array([max(doubt, 0.01), slip, max(0.2 * doubt, 0.01)])
     return velocity_prior(k, velocity, sigmas)
+
+
+def _slip_mps(speed_mps: float, dt_s: float, motion: MotionConfig) -> float:
+    """Sigma of a sideways speed that slips ``slip sqrt(|u| dt)`` in a step dt."""
+    slip = motion.slip_sigma_m_per_sqrt_m * np.sqrt(abs(speed_mps) / dt_s)
+    return max(float(slip), LEAST_SLIP_MPS)
 
 
 def free_motion(
@@ -116,9 +129,9 @@ def free_motion(
     density = np.maximum(density, 3.0 * SHORT_STEP / dt**3)
     before = gtsam.StateData(X(k - 1), V(k - 1), now_s - dt)
     now = gtsam.StateData(X(k), V(k), now_s)
-    sideways = motion.slip_sigma_m_per_sqrt_m * np.sqrt(abs(speed_mps) / dt)
+    sideways = _slip_mps(speed_mps, dt, motion)
     straight = gtsam.noiseModel.Diagonal.Sigmas(
-        np.array([UNKNOWN_SPEED, max(sideways, LEAST_SLIP_MPS), UNKNOWN_SPEED])
+        np.array([UNKNOWN_SPEED, sideways, UNKNOWN_SPEED])
     )
     return [
         gtsam.WnoaMotionFactorPose2(before, now, density),

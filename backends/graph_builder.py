@@ -89,8 +89,9 @@ class GraphBuilder:
             at = (entry.segment, bias) if self.has_bias else None
             return [*factors, odometry_motion(k, step, pose_before, at)]
         if entry.starts_moving:
+            dt_s = frame.stamp_s - before.frame.stamp_s
             speed = before.frame.state[3:5]
-            factors.append(start_velocity_prior(k - 1, speed, self._motion))
+            factors.append(start_velocity_prior(k - 1, dt_s, speed, self._motion))
         speed_mps = float(frame.state[3])
         return factors + free_motion(
             k, before.frame.stamp_s, frame.stamp_s, speed_mps, self._motion

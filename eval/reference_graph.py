@@ -290,7 +290,9 @@ class ReferenceGraph:
             graph.add(bias_walk(segment, BIAS_SEGMENT_S, self._motion.gyro_bias_walk))
         free = self._free(n)
         if free:
-            graph.add(start_velocity_prior(free[0], np.zeros(2), self._motion))
+            k = free[0]
+            dt_s = float(np.diff(self._path.stamp_s)[k])
+            graph.add(start_velocity_prior(k, dt_s, np.zeros(2), self._motion))
 
 
 def _frames(recording: Recording) -> list[ConeObservations]:

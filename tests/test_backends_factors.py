@@ -68,7 +68,7 @@ def test_priors() -> None:
     bias = factors.bias_prior(0.01)
     assert bias.error(at(biases={0: 0.0})) == 0.0
     assert bias.error(at(biases={0: 0.03})) == pytest.approx(4.5)
-    speed = factors.velocity_prior(2, np.array([8.0, 0.5]), np.array([2.0, 0.4]))
+    speed = factors.velocity_prior(2, np.array([8.0, 0.5]), np.array([2.0, 0.1, 0.4]))
     assert speed.error(at(velocities={2: [8.0, 0.0, 0.5]})) == 0.0
     off = at(velocities={2: [10.0, 0.0, 0.9]})
     assert speed.error(off) == pytest.approx(1.0)
@@ -216,6 +216,13 @@ def test_free_motion_costs_an_acceleration_what_its_sigma_says(
     off_m = MOTION.slip_sigma_m_per_sqrt_m * np.sqrt(8.0 * dt_s)
     slid = at(velocities={1: [0.0, off_m / dt_s, 0.0]})
     assert straight.error(slid) == pytest.approx(0.5)
+
+
+def test_a_car_slips_as_much_where_free_motion_starts() -> None:
+    start = factors.start_velocity_prior(0, 0.04, np.array([9.0, 0.0]), MOTION)
+    off_m = MOTION.slip_sigma_m_per_sqrt_m * np.sqrt(9.0 * 0.04)
+    slid = at(velocities={0: [9.0, off_m / 0.04, 0.0]})
+    assert start.error(slid) == pytest.approx(0.5)
 
 
 def test_a_car_that_stands_does_not_slide() -> None:
