@@ -94,17 +94,15 @@ def pictures(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_no_back_end_of_a_comparison_waits_for_the_detector(
     pictures: Path, tmp_path: Path
 ) -> None:
-    """Its own row says what the pictures took, which no run's time contains."""
+    """Its own row says what the pictures took, once for all."""
     command = ["compare", str(pictures), "--out", str(tmp_path)]
     done = CliRunner().invoke(app, [*command, "--backends", "ekf,ekf/thesis"])
     assert done.exit_code == 0, done.output
     assert "finding cones first, p50 [ms]" in done.output
-    for name in ("ekf", "ekf-thesis"):
-        run = read_run(tmp_path / name)
-        assert len(run.timing_ms["detect"]) == len(run.trajectory) > 3
-        wall_s = run.summary["wall_s"]
-        assert isinstance(wall_s, float)
-        assert 1e3 * wall_s < run.timing_ms["detect"].sum()
+    first, second = (read_run(tmp_path / name) for name in ("ekf", "ekf-thesis"))
+    assert len(first.timing_ms["detect"]) == len(first.trajectory) > 3
+    # The same times to the last digit: the pictures were looked at once, before.
+    np.testing.assert_array_equal(first.timing_ms["detect"], second.timing_ms["detect"])
 
 
 def test_rendered_pictures_are_a_source(pictures: Path) -> None:
