@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from conegraph.backends.relocalize import Relocaliser, same_place
 from conegraph.backends.sightings import Sightings
-from conegraph.geometry import to_parent
+from conegraph.geometry import distances, to_parent
 from conegraph.types import Array, ConeObservations, IntArray
 
 INLIER_M = 0.8
@@ -74,7 +74,7 @@ def match_gate(
         return f"{counts[best]} cones agree, but {rival} with another pose"
     pose = poses[best]
     placed = to_parent(pose, seen_m[seen_start])
-    gaps = np.linalg.norm(placed[:, None] - mapped_m[mapped_start], axis=2)
+    gaps = distances(placed, mapped_m[mapped_start])
     good = gaps.min(axis=1) < INLIER_M
     slot = mapped_start[gaps.argmin(axis=1)[good]]
     if len(np.unique(slot)) != len(slot) or len(slot) < 2:
@@ -117,7 +117,7 @@ def _poses_from_pairs(seen_m: Array, mapped_m: Array) -> Array:
     """Return (h, 3) poses that lay two seen cones on two mapped ones."""
     a, b = np.triu_indices(len(seen_m), 1)
     length = np.hypot(*(seen_m[b] - seen_m[a]).T)
-    gap = np.linalg.norm(mapped_m[:, None] - mapped_m, axis=2)
+    gap = distances(mapped_m, mapped_m)
     alike = np.abs(gap - length[:, None, None]) < INLIER_M
     alike &= (length > 1.0)[:, None, None] & ~np.eye(len(mapped_m), dtype=bool)
     pair, c, d = np.nonzero(alike)

@@ -291,7 +291,7 @@ class ReferenceGraph:
         free = self._free(n)
         if free:
             k = free[0]
-            dt_s = float(np.diff(self._path.stamp_s)[k])
+            dt_s = float(self._path.stamp_s[k + 1] - self._path.stamp_s[k])
             graph.add(start_velocity_prior(k, dt_s, np.zeros(2), self._motion))
 
 

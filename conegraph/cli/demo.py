@@ -19,11 +19,4 @@ def demo(
 
     An earlier demo in DIR is replaced.
     """
-    compare(
-        out,
-        DRIVE,
-        DEFAULT_BACKENDS,
-        detector=detector,
-        view=view,
-        save_rrd=True,
-    )
+    compare(out, DRIVE, DEFAULT_BACKENDS, detector=detector, view=view, save_rrd=True)
